@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.errors import JointMismatch, LogError, OptionError
 
 EPISODE = "episode"
@@ -44,14 +45,18 @@ def read_commands(path: Path, names: Sequence[str]) -> list[np.ndarray]:
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = [row for row in csv.reader(file) if row]
+            reader = csv.reader(file)
+            rows, lines = [], []
+            for row in filter(None, reader):
+                rows.append(row)
+                lines.append(reader.line_num)
     except (OSError, UnicodeDecodeError) as error:
         raise LogError(f"{path} cannot be read as a command file ({error}); give a CSV file.") from None
     if len(rows) < 2:
         raise LogError(f"{path} holds no commands; it needs a header ({','.join(names)}) and a row per control step.")
     header = [name.strip() for name in rows[0]]
     _check_columns(path, header, names)
-    table = np.array([_numbers(path, header, index + 2, row) for index, row in enumerate(rows[1:])])
+    table = np.array([_numbers(path, header, line, row) for line, row in zip(lines[1:], rows[1:], strict=True)])
     commands = table[:, [header.index(name) for name in names]]
     if EPISODE not in header:
         return [commands]
@@ -65,22 +70,22 @@ def read_commands(path: Path, names: Sequence[str]) -> list[np.ndarray]:
 def check_limits(
     path: Path, names: Sequence[str], episodes: Iterable[np.ndarray], low: np.ndarray, high: np.ndarray
 ) -> None:
-    """Refuse commands beyond a robot's limits (n,), naming the first row.
+    """Refuse commands beyond a robot's limits (n,), naming the first line.
 
     Raises:
         OptionError: a command lies outside.
     """
-    row = 2
+    line = 2  # the first is the header
     for commands in episodes:
         outside = np.argwhere((commands < low - SLACK) | (commands > high + SLACK))
         if len(outside):
             step, joint = outside[0]
             hint = "" if names[joint].endswith(".effort") or abs(commands[step, joint]) < 2 * math.pi else "; degrees?"
             raise OptionError(
-                f"{path}, row {row + step}: {names[joint]} is {commands[step, joint]:g}, outside the robot's limits "
+                f"{path}, line {line + step}: {names[joint]} is {commands[step, joint]:g}, outside the robot's limits "
                 f"{low[joint]:g} … {high[joint]:g}{hint}"
             )
-        row += len(commands)
+        line += len(commands)
 
 
 def _check_columns(path: Path, header: Sequence[str], names: Sequence[str]) -> None:
@@ -94,7 +99,7 @@ def _check_columns(path: Path, header: Sequence[str], names: Sequence[str]) -> N
 
 def _numbers(path: Path, header: Sequence[str], line: int, row: Sequence[str]) -> list[float]:
     if len(row) != len(header):
-        raise LogError(f"{path}, row {line} has {len(row)} cells; the header has {len(header)}.")
+        raise LogError(f"{path}, line {line} has {count_of(len(row), 'cell')}; the header has {len(header)}.")
     values = []
     for name, cell in zip(header, row, strict=True):
         try:
@@ -102,6 +107,6 @@ def _numbers(path: Path, header: Sequence[str], line: int, row: Sequence[str]) -
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
-            raise LogError(f"{path}, row {line}: {name} is '{cell}'; a finite number is needed.")
+            raise LogError(f"{path}, line {line}: {name} is '{cell}'; a finite number is needed.")
         values.append(value)
     return values

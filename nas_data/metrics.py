@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.joint_units import JointUnit, factors, kinds_of, table_unit
 
 
@@ -30,7 +31,7 @@ class Errors:
     def __repr__(self) -> str:
         """Return the overall error in a line."""
         found = ", ".join(f"{value:.3g} {unit.si}" for unit, value in self.overall_by_kind)
-        return f"Errors({found} over {len(self.lengths)} episodes)"
+        return f"Errors({found} over {count_of(len(self.lengths), 'episode')})"
 
     @classmethod
     def of(

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.origin import load, with_origin
+from nas_data.dataset.origin import is_unchanged, load, with_origin
 from nas_data.errors import OptionError
 from nas_data.gap.named import Named
 from nas_data.gap.report import GapReport
@@ -43,6 +43,12 @@ def name_of(dataset: Dataset) -> Path:
     """Return what to call a dataset in reports and errors: its folder where it has one."""
     folder = dataset.origin.root if dataset.origin else None
     return folder or Path("dataset")
+
+
+def folder_of(dataset: Dataset) -> Path | None:
+    """Return the folder that holds a dataset; None where it is in memory only, made there or changed since."""
+    origin = dataset.origin
+    return origin.root if origin is not None and is_unchanged(dataset, origin) else None
 
 
 def as_model(model: str | Path, actuators: Actuators = "position") -> str:

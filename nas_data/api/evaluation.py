@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from nas_data.api.arguments import Actuators, Count, Progress, as_dataset, as_optional_model, count_aloud, name_of
+from nas_data.api.arguments import Actuators, Count, Progress, as_dataset, as_optional_model, count_aloud, folder_of
 from nas_data.api.learned import LearnedModel
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.foreign import warn
@@ -145,7 +145,7 @@ def fit_plain(
     trained_on = learned.trained_on if learned else None
     fitted, what = (trained_on, "what the model was trained on") if trained_on else (dataset, "these very episodes")
     try:
-        simulator = fit_plain_source(fitted, str(source.model), name_of(fitted), say)
+        simulator = fit_plain_source(fitted, str(source.model), folder_of(fitted), say)
     except NasError as error:
         warn([f"no {PLAIN}: {error}"])
         return {}, (f"no {PLAIN}: {error}",)

@@ -98,6 +98,7 @@ def import_logs(
     Raises:
         LogError: a log cannot be read, or an audit refuses it.
         MapError: the map names something that a log lacks.
+        JointMismatch: the model lacks a joint of the map.
         DatasetInvalid, OptionError: logs and what is said of them do not fit together.
     """
     paths = [logs] if isinstance(logs, str | Path) else logs

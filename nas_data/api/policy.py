@@ -12,6 +12,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import VecEnv
 
 from nas_data.arrays import Array
+from nas_data.count_of import count_of
 from nas_data.environment_ids import environment_id
 from nas_data.envs.base import find_task_file
 from nas_data.errors import CheckpointError, JointMismatch, OptionError
@@ -117,7 +118,8 @@ def check_spaces(policy: Policy, env: gymnasium.Env[Array, Array] | VecEnv) -> N
     shapes = env.observation_space.shape, env.action_space.shape
     if shapes != ((wanted[0],), (wanted[1],)):
         raise JointMismatch(
-            f"The policy observes {wanted[0]} numbers and gives {wanted[1]}; the environment has {shapes[0]} and "
+            f"The policy observes {count_of(wanted[0], 'number')} and gives {wanted[1]}; the environment has "
+            f"{shapes[0]} and "
             f"{shapes[1]}. Give one of {policy.environment}."
         )
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from nas_data.api.arguments import Actuators, Progress, as_model, as_named
+from nas_data.count_of import count_of
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import Origin
 from nas_data.effects.base import Effect
@@ -115,7 +116,9 @@ def record(
     )
     session, say = RecordingSession.draw(target, protocol), progress or silence
     total = len(session.commands)
-    dataset = to_dataset(session, play_session(session, lambda done: say(f"recorded {done} of {total} episodes")))
+    dataset = to_dataset(
+        session, play_session(session, lambda done: say(f"recorded {done} of {count_of(total, 'episode')}"))
+    )
     return replace(dataset, origin=Origin(dataset, session.provenance(blind)))
 
 

@@ -6,8 +6,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from nas_data.api.arguments import Actuators, Count, Progress, as_dataset, as_optional_model, count_aloud, name_of
+from nas_data.api.arguments import (
+    Actuators,
+    Count,
+    Progress,
+    as_dataset,
+    as_optional_model,
+    count_aloud,
+    folder_of,
+    name_of,
+)
 from nas_data.api.learned import LearnedModel
+from nas_data.count_of import count_of
 from nas_data.dataset import versions
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import identity_of, kept_folders
@@ -161,9 +171,12 @@ def train(dataset: Dataset, request: TrainingRequest) -> LearnedModel:
         training = ModelTraining(kind, dataset, request.options, simulator, provenance, request.device)
         run = TrainingRun(training, folder, say, kept)
         notes.append(
-            f"{dataset.n_episodes} episodes, {dataset.n_frames} transitions; held out: {training.split.description}"
+            f"{count_of(dataset.n_episodes, 'episode')}, {count_of(dataset.n_frames, 'transition')}; held out: "
+            f"{training.split.description}"
         )
-        notes.append(f"{training.phase.name}, {training.phase.updates} updates; validation is {training.criterion}")
+        notes.append(
+            f"{training.phase.name}, {count_of(training.phase.updates, 'update')}; validation is {training.criterion}"
+        )
         for note in notes:  # only now: bad input is one sentence and nothing else
             say(note)
         network = run.run()
@@ -181,9 +194,9 @@ def check_paired(dataset: Dataset) -> None:
     Raises:
         DatasetInvalid: says how to make one with them.
     """
-    origin = dataset.origin
-    if origin is not None and origin.root is not None:
-        versions.check_paired(origin.root, dataset, "A delta model")
+    folder = folder_of(dataset)
+    if folder is not None:
+        versions.check_paired(folder, dataset, "A delta model")
     if not dataset.paired:
         raise DatasetInvalid(
             "A delta model learns from the source's predictions, which the dataset does not hold: "

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nas_data.commands.base import CommandResult
+from nas_data.count_of import count_of
 from nas_data.dataset.provenance import Provenance
 from nas_data.envs.base import Task, find_task
 from nas_data.errors import ArmError, OptionError
@@ -105,7 +106,10 @@ class OnArm:
             return
         wanted = len(plan.turns())
         if saved.scores:
-            say(f"{len(saved.scores)} of {wanted} episodes are saved in {saved.growing.root}; going on with the next.")
+            say(
+                f"{len(saved.scores)} of {count_of(wanted, 'episode')} are saved in {saved.growing.root}; going on "
+                "with the next."
+            )
         try:
             yield
         except (ArmError, OptionError) as error:
@@ -120,7 +124,10 @@ class OnArm:
         with saved_as(self.options.record) as saved:
             path = saved.finish(describe_tally(saved.tally))
         returns = [float(score.returns[0]) for score in saved.scores]
-        text = f"{len(returns)} episodes, mean return {np.mean(returns):.2f}.\n{describe_tally(saved.tally)}\n{path}"
+        text = (
+            f"{count_of(len(returns), 'episode')}, mean return "
+            f"{np.mean(returns):.2f}.\n{describe_tally(saved.tally)}\n{path}"
+        )
         return CommandResult(text, {"dataset": path, "returns": returns, **tally_to_json(saved.tally)})
 
     def _arms(self, task: Task, stack: ExitStack) -> ArmSetup:
@@ -195,9 +202,9 @@ class OnArm:
         self, plan: EvaluationPlan, environment: str, scores: list[Returns], tally: RolloutTally, path: Path | None
     ) -> CommandResult:
         groups = plan.groups(scores)
-        lines = [f"{environment} on {self.port}, {self.options.episodes} episodes a policy, mean actions:"]
+        lines = [f"{environment} on {self.port}, {count_of(self.options.episodes, 'episode')} a policy, mean actions:"]
         lines += [policy_table(groups, {}), self._describe_rewards(), describe_tally(tally)]
-        lines += [f"{len(scores)} episodes → {path}"] if path else []
+        lines += [f"{count_of(len(scores), 'episode')} → {path}"] if path else []
         returns, count = [float(score.returns[0]) for score in scores], self.options.episodes
         data = {
             "environment": environment,
@@ -226,7 +233,7 @@ def describe_tally(tally: RolloutTally) -> str:
     """Return the statistics as text."""
     sittings = f" All in {tally.sittings} sittings." if tally.sittings > 1 else ""
     return (
-        f"{tally.late} of {tally.steps} readings came late, {tally.missed} of them by more than a period; "
+        f"{tally.late} of {count_of(tally.steps, 'reading')} came late, {tally.missed} of them by more than a period; "
         f"{tally.held_back} commands would have led into a touch and were not sent; "
         f"{tally.retries} readings were tried again, {tally.unheard} times after a servo had gone unheard.{sittings}"
     )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import tyro
 
 from nas_data.commands.base import Command, CommandResult
+from nas_data.count_of import count_of
 from nas_data.errors import OptionError
 from nas_data.runs.progress import Counting, Remaining, say
 
@@ -166,7 +167,10 @@ class RecordArm(Command):
         quality = RecordingQuality.of(dataset, RecordingStats.of(provenance.target))
         notes = "\n".join(quality.lines())
         path = complete(growing, dataset, notes, name=name, out=self.out)
-        head = f"Recorded {dataset.n_episodes} episodes, {dataset.n_frames} frames at {dataset.fps:g} Hz."
+        head = (
+            f"Recorded {count_of(dataset.n_episodes, 'episode')}, {count_of(dataset.n_frames, 'frame')} at "
+            f"{dataset.fps:g} Hz."
+        )
         data = {"dataset": str(path), "episodes": dataset.n_episodes, "frames": dataset.n_frames, "fps": dataset.fps}
         return CommandResult(
             f"{head}\n{notes}\n{path}", {**data, **quality.to_json(), "content_hash": content_hash(dataset)}

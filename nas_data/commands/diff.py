@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from nas_data.commands.base import Command, CommandResult
+from nas_data.count_of import count_of
 from nas_data.runs.progress import saying
 
 if TYPE_CHECKING:
@@ -64,7 +65,8 @@ def content_lines(found: "Difference") -> Iterator[str]:
         yield f"  episodes with other values (A/B): {some([f'{i}/{j}' for i, j in found.compared])}"
     for key, change in found.values.items():
         yield (
-            f"  {key}: differs in {change.frames} frames, at most by {change.largest:.6g} {change.unit}".rstrip()
+            f"  {key}: differs in {count_of(change.frames, 'frame')}, at most by {change.largest:.6g} "
+            f"{change.unit}".rstrip()
             + f" ({change.component}, episode {change.episodes[0]}/{change.episodes[1]}, frame {change.frame})"
         )
     yield from (f"  task of episode {i}/{j}: '{a}' in A, '{b}' in B" for i, j, a, b in found.tasks[:SHOWN])

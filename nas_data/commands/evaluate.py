@@ -7,6 +7,7 @@ import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
+from nas_data.count_of import count_of
 from nas_data.runs.progress import Counting
 
 
@@ -57,7 +58,10 @@ class Evaluate(TakesModel):
         seen = learned.network.provenance.get("dataset") if learned else None
         name = seen.get("name") if isinstance(seen, dict) else "unknown"
         origin = f"trained on {name}" if learned else "a model"
-        head = [f"{folder} ({origin}) on {root}: {dataset.n_episodes} episodes, {dataset.n_frames} frames"]
+        head = [
+            f"{folder} ({origin}) on {root}: {count_of(dataset.n_episodes, 'episode')}, "
+            f"{count_of(dataset.n_frames, 'frame')}"
+        ]
         head += [f"derived {key}: {how}" for key, how in derived.items()]
         data = {"checkpoint": folder, "dataset": root, "trained_on": seen, "derived": derived, **evaluation.to_json()}
         return CommandResult("\n".join([*head, "", evaluation.text(), "", evaluation.episodes_text()]), data)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from nas_data.commands.base import Command, CommandResult
+from nas_data.count_of import count_of
 from nas_data.runs.progress import Calm, say
 
 if TYPE_CHECKING:
@@ -88,7 +89,8 @@ def _text(result: "Import", root: Path) -> str:
     dataset = result.dataset
     minutes = dataset.n_frames / dataset.fps / 60
     lines = [
-        f"{dataset.robot_type}: {dataset.n_episodes} episodes, {dataset.n_frames} transitions at {dataset.fps:g} Hz "
+        f"{dataset.robot_type}: {count_of(dataset.n_episodes, 'episode')}, {count_of(dataset.n_frames, 'transition')} "
+        f"at {dataset.fps:g} Hz "
         f"({minutes:.1f} min), joints {', '.join(dataset.joints)}.",
         *(_findings_text(result.findings) or ["The audits found nothing."]),
         f"The dataset lies in {root}",

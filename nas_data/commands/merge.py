@@ -7,6 +7,7 @@ from typing import Annotated
 import tyro
 
 from nas_data.commands.base import Command, CommandResult
+from nas_data.count_of import count_of
 from nas_data.errors import OptionError
 from nas_data.runs.progress import saying
 
@@ -41,7 +42,7 @@ class Merge(Command):
             refuse_existing(self.out)
         if self.name is not None:
             check_name(self.name)
-        with saying(f"merging {len(self.datasets)} datasets"):
+        with saying(f"merging {count_of(len(self.datasets), 'dataset')}"):
             originals = [Original.read(path) for path in self.datasets]
             merged = merge(originals)
             folder = save(
@@ -54,7 +55,10 @@ class Merge(Command):
             )
             notes = list(remarks(originals))
         dataset = merged.dataset
-        text = f"{dataset.n_episodes} episodes, {dataset.n_frames} frames of {len(originals)} dataset(s) → {folder}"
+        text = (
+            f"{count_of(dataset.n_episodes, 'episode')}, {count_of(dataset.n_frames, 'frame')} of "
+            f"{count_of(len(originals), 'dataset')} → {folder}"
+        )
         return CommandResult(
             "\n".join([text, *(f"  note: {note}" for note in notes)]),
             {

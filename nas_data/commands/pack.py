@@ -6,6 +6,7 @@ from pathlib import Path
 import tyro
 
 from nas_data.commands.base import Command, CommandResult
+from nas_data.count_of import count_of
 from nas_data.runs.progress import saying
 
 
@@ -31,6 +32,6 @@ class Pack(Command):
             file, manifest = pack(self.dataset, self.out)
         size = file.stat().st_size
         return CommandResult(
-            f"{len(manifest.files)} files, {size / 1e6:.2f} MB → {file}",
+            f"{count_of(len(manifest.files), 'file')}, {size / 1e6:.2f} MB → {file}",
             {"file": file, "bytes": size, "files": len(manifest.files), "content_hash": manifest.content_hash},
         )

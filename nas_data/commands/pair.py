@@ -8,6 +8,7 @@ import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
+from nas_data.count_of import count_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +56,10 @@ class Pair(TakesModel):
         folder = versions.save(paired, provenance, out=self.out, parent=root, attachments=kept)
         remarks = [pairing.remark] if pairing.remark else []
         lines = [*(f"derived {key}: {how}" for key, how in derived.items()), *remarks]
-        done = f"{paired.n_frames} transitions of {paired.n_episodes} episodes paired in {pairing.seconds:.1f} s"
+        done = (
+            f"{count_of(paired.n_frames, 'transition')} of {count_of(paired.n_episodes, 'episode')} paired in "
+            f"{pairing.seconds:.1f} s"
+        )
         return CommandResult(
             "\n".join([f"{done} → {folder}", *(f"  {line}" for line in lines)]),
             {

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from nas_data.commands.base import Command, CommandResult
+from nas_data.count_of import count_of
 from nas_data.errors import OptionError
 
 
@@ -72,5 +73,8 @@ class PolicyCompare(Command):
         found = compare(study, self.out, self.workers)
         result = self.out / "comparison.json"
         result.write_text(json.dumps(finite(found.describe()), indent=1, allow_nan=False), encoding="utf-8")
-        head = f"{self.env} with dynamics '{self.dynamics}', {self.frames:,} frames, {self.episodes} episodes a policy:"
+        head = (
+            f"{self.env} with dynamics '{self.dynamics}', {count_of(self.frames, 'frame', ',')}, "
+            f"{count_of(self.episodes, 'episode')} a policy:"
+        )
         return CommandResult(f"{head}\n{found.table()}\n→ {result}", {"result": result, **found.describe()})

@@ -7,6 +7,7 @@ from typing import Literal
 import tyro
 
 from nas_data.commands.base import Command, CommandResult
+from nas_data.count_of import count_of
 from nas_data.errors import OptionError
 
 
@@ -110,7 +111,7 @@ class PolicyEvaluate(Command):
         baselines = score_baselines(plant, self.episodes, stepper)
         named = f" and the effects of {effects}" if effects else ""
         head = f"{plant.environment} with dynamics '{plant.dynamics}'{named}"
-        what = f"{head}, {self.episodes} episodes a policy, mean actions:"
+        what = f"{head}, {count_of(self.episodes, 'episode')} a policy, mean actions:"
         data = {
             "environment": plant.environment,
             "dynamics": plant.dynamics,

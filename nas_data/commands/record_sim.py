@@ -9,6 +9,7 @@ import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
+from nas_data.count_of import count_of
 from nas_data.runs.progress import PAUSE, Calm
 
 
@@ -98,7 +99,8 @@ class RecordSim(TakesModel):
         path = save(dataset, provenance, out=self.out, name=name)
         took = time.monotonic() - began
         text = (
-            f"Recorded {dataset.n_episodes} episodes of {dataset.robot_type}, {dataset.n_frames} frames at "
+            f"Recorded {count_of(dataset.n_episodes, 'episode')} of {dataset.robot_type}, "
+            f"{count_of(dataset.n_frames, 'frame')} at "
             f"{dataset.fps:g} Hz ({dataset.n_frames / dataset.fps:.0f} s of motion), in {took:.1f} s.\n{path}"
         )
         data = {

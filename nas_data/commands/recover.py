@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from nas_data.commands.base import Command, CommandResult
+from nas_data.count_of import count_of
 from nas_data.runs.progress import saying
 
 if TYPE_CHECKING:
@@ -69,13 +70,21 @@ class Recover(Command):
 def lines(rescue: "Rescue", folder: Path | None) -> list[str]:
     """Say what was rescued and what was lost."""
     if folder is None or rescue.derived is None:
-        return [f"{rescue.root} is whole: {len(rescue.kept)} episodes; nothing to rescue (nas verify checks the rest)."]
+        return [
+            f"{rescue.root} is whole: {count_of(len(rescue.kept), 'episode')}; nothing to rescue (nas verify checks "
+            "the rest)."
+        ]
     dataset = rescue.derived.dataset
-    promised = f" of {rescue.promised}" if rescue.promised >= len(rescue.kept) else ""
+    kept = count_of(dataset.n_episodes, "episode")
+    if rescue.promised >= len(rescue.kept):
+        kept = f"{dataset.n_episodes} of {count_of(rescue.promised, 'episode')}"
     return [
-        f"{dataset.n_episodes}{promised} episodes, {dataset.n_frames} frames rescued from {rescue.root} → {folder}",
+        f"{kept}, {count_of(dataset.n_frames, 'frame')} rescued from {rescue.root} → {folder}",
         *(f"  {report}" for report in rescue.reports),
-        *([f"  {len(rescue.left)} whole episode(s) behind a lost one: --beyond rescues them too"] * bool(rescue.left)),
+        *(
+            [f"  {count_of(len(rescue.left), 'whole episode')} behind a lost one: --beyond rescues more"]
+            * bool(rescue.left)
+        ),
     ]
 
 

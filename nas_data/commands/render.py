@@ -5,6 +5,7 @@ from pathlib import Path
 
 from nas_data.commands._ghosts import ShowsEpisode
 from nas_data.commands.base import CommandResult
+from nas_data.count_of import count_of
 from nas_data.errors import OptionError, OutputExists
 from nas_data.runs.progress import Counting
 
@@ -60,7 +61,7 @@ class Render(ShowsEpisode):
         arms, frames = [ghost.name for ghost in motion.ghosts], len(chosen) if film_file else 0
         text = f"{', '.join(arms)} in episode {self.episode} of {root}\n  at {motion.times[still]:.2f} s → {picture}"
         return CommandResult(
-            text + (f"\n  {frames} pictures → {film_file}" if film_file else ""),
+            text + (f"\n  {count_of(frames, 'picture')} → {film_file}" if film_file else ""),
             {
                 "dataset": root,
                 "episode": self.episode,

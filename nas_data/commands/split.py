@@ -6,6 +6,7 @@ from pathlib import Path
 import tyro
 
 from nas_data.commands.base import Command, CommandResult
+from nas_data.count_of import count_of
 from nas_data.errors import OptionError
 from nas_data.runs.progress import saying
 
@@ -64,14 +65,14 @@ class Split(Command):
             raise OptionError(f"Both parts would be named '{names[0]}'; give two names.")
         for item in names:
             check_name(item)
-        with saying(f"writing {original.dataset.n_frames} frames"):
+        with saying(f"writing {count_of(original.dataset.n_frames, 'frame')}"):
             written = [
                 new_version(part.dataset, item, part.provenance, folder, part.attachments)
                 for part, item in zip(parts, names, strict=True)
             ]
         notes = list(original.remarks())
         lines = [
-            f"{part.dataset.n_episodes} episodes, {part.dataset.n_frames} frames → {path}"
+            f"{count_of(part.dataset.n_episodes, 'episode')}, {count_of(part.dataset.n_frames, 'frame')} → {path}"
             for part, path in zip(parts, written, strict=True)
         ]
         rest = sorted(set(range(original.dataset.n_episodes)) - set(chosen))
@@ -95,7 +96,7 @@ class Split(Command):
         check_name(target)
         dataset = cut_every(original.dataset, seconds)
         provenance = inherit([original], f"episodes of {original.parent.name} cut every {seconds:g} s")
-        with saying(f"writing {dataset.n_frames} frames"):
+        with saying(f"writing {count_of(dataset.n_frames, 'frame')}"):
             path = new_version(dataset, target, provenance, folder, original.attachments)
-        text = f"{dataset.n_episodes} episodes, {dataset.n_frames} frames → {path}"
+        text = f"{count_of(dataset.n_episodes, 'episode')}, {count_of(dataset.n_frames, 'frame')} → {path}"
         return CommandResult(text, {"dataset": path, "episodes": dataset.n_episodes, "frames": dataset.n_frames})

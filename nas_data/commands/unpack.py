@@ -6,6 +6,7 @@ from pathlib import Path
 import tyro
 
 from nas_data.commands.base import Command, CommandResult
+from nas_data.count_of import count_of
 from nas_data.runs.progress import saying
 
 
@@ -31,7 +32,8 @@ class Unpack(Command):
             root = unpack(self.file, self.folder)
             dataset = read(root)
         return CommandResult(
-            f"{dataset.n_episodes} episodes, {dataset.n_frames} frames of {dataset.robot_type}, hashes right → {root}",
+            f"{count_of(dataset.n_episodes, 'episode')}, {count_of(dataset.n_frames, 'frame')} of "
+            f"{dataset.robot_type}, hashes right → {root}",
             {
                 "dataset": root,
                 "content_hash": content_hash(dataset),

@@ -6,6 +6,7 @@ from pathlib import Path
 import tyro
 
 from nas_data.commands.base import Command, CommandResult
+from nas_data.count_of import count_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +28,7 @@ class Verify(Command):
 
         root = resolve(self.dataset)
         findings = examine(root)
-        verdict = "is sound" if not findings.problems else f"has {len(findings.problems)} problem(s)"
+        verdict = "is sound" if not findings.problems else f"has {count_of(len(findings.problems), 'problem')}"
         lines = [
             f"{root} {verdict}.",
             *(f"  problem: {problem}" for problem in findings.problems),

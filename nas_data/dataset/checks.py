@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.layout import AUTOMATIC, NUMERIC
 from nas_data.errors import DatasetInvalid
@@ -47,7 +48,9 @@ def check_storable(dataset: Dataset, where: str) -> None:
     if not dataset.n_episodes or not (np.asarray(dataset.lengths) > 0).all():
         raise DatasetInvalid(f"{where} holds no episode or an empty one; each needs at least one frame.")
     if len(dataset.tasks) != dataset.n_episodes:
-        raise DatasetInvalid(f"{where} names {len(dataset.tasks)} tasks for {dataset.n_episodes} episodes.")
+        raise DatasetInvalid(
+            f"{where} names {count_of(len(dataset.tasks), 'task')} for {count_of(dataset.n_episodes, 'episode')}."
+        )
     if not (np.isfinite(dataset.fps) and dataset.fps > 0):
         raise DatasetInvalid(f"{where} has a rate of {dataset.fps} Hz; a positive number is needed.")
     for key, feature in dataset.features.items():

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.dataset.audits.timing import find_holes
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import TIME
@@ -38,7 +39,7 @@ def cut_every(dataset: Dataset, seconds: float) -> Dataset:
     size = round(seconds * dataset.fps)
     if not np.isfinite(seconds) or size < SHORTEST:
         raise OptionError(
-            f"Stretches of {seconds:g} s have {max(size, 0)} frames at {dataset.fps:g} Hz; give at least "
+            f"Stretches of {seconds:g} s have {count_of(max(size, 0), 'frame')} at {dataset.fps:g} Hz; give at least "
             f"{SHORTEST / dataset.fps:.2g} s."
         )
     starts = [

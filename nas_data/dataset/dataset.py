@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nas_data.arrays import Array
+from nas_data.count_of import count_of
 from nas_data.dataset.carried import Carried
 from nas_data.dataset.features import ACTION, EFFORT, NEXT_STATE, POSITION, SIM_STATE, STATE, VELOCITY, Feature
 from nas_data.errors import DatasetInvalid, JointMismatch
@@ -59,7 +60,10 @@ class Dataset:
         """Return sizes, rate and joints in a line."""
         seconds = self.n_frames / self.fps
         joints = f"; joints {', '.join(self.joints)}" if STATE in self.features else ""
-        sizes = f"{self.n_episodes} episodes, {self.n_frames} frames at {self.fps:g} Hz, {seconds:.4g} s"
+        sizes = (
+            f"{count_of(self.n_episodes, 'episode')}, {count_of(self.n_frames, 'frame')} at {self.fps:g} Hz, "
+            f"{seconds:.4g} s"
+        )
         return f"Dataset({self.robot_type}: {sizes}{joints}{'; paired' if self.paired else ''})"
 
     @classmethod

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.dataset import layout
 from nas_data.dataset.checks import LARGEST
 from nas_data.dataset.features import Feature
@@ -87,7 +88,7 @@ def _wrong_length(found: Salvage, known: Mapping[int, EpisodeEntry]) -> Iterator
     """Find episodes whose number of frames differs from `meta/episodes`."""
     for episode, length in zip(found.episodes.tolist(), found.lengths.tolist(), strict=True):
         if episode in known and known[episode].length != length:
-            yield episode, f"has {length} frames, meta/episodes promises {known[episode].length}"
+            yield episode, f"has {count_of(length, 'frame')}, meta/episodes promises {known[episode].length}"
 
 
 def _wrong_values(found: Salvage, known: Mapping[int, EpisodeEntry]) -> Iterator[tuple[int, str]]:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.dataset import layout
 from nas_data.dataset.carried import CarriedSource
 from nas_data.dataset.videos import VIDEO_PATH, VideoPlace
@@ -73,7 +74,8 @@ def locate_episodes(root: Path, key: str, template: str, lengths: Sequence[int],
             count = frames_of(path)
         if begin + length > count:
             raise DatasetInvalid(
-                f"{path.relative_to(root)} has {count} pictures, so that those of episode {episode} are not all there"
+                f"{path.relative_to(root)} has {count_of(count, 'picture')}, so that those of episode {episode} are "
+                "not all there"
             )
         yield place
         begin += length

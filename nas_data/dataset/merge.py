@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.dataset.carried import Carried
 from nas_data.dataset.content import episode_hashes
 from nas_data.dataset.dataset import Dataset
@@ -77,7 +78,7 @@ def remarks(originals: Sequence[Original]) -> Iterator[str]:
     hashes = [found for original in originals for found in episode_hashes(original.dataset, sorted(kept))]
     repeated = len(hashes) - len(set(hashes))
     if repeated:
-        yield f"{repeated} episode(s) are in it more than once: a split of it may hold one on both sides."
+        yield f"It holds {count_of(repeated, 'episode')} more than once: a split of it may hold one on both sides."
 
 
 def check_alike(a: Original, b: Original) -> None:

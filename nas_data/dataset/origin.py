@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from nas_data.arrays import Array
+from nas_data.count_of import count_of
 from nas_data.dataset import versions
 from nas_data.dataset.audits import audit
 from nas_data.dataset.audits.base import Expected
@@ -32,6 +33,7 @@ from nas_data.dataset.features import (
     time_feature,
 )
 from nas_data.dataset.foreign import take_in, warn, warnings_of
+from nas_data.dataset.joints import REMEDY
 from nas_data.dataset.layout import PROVENANCE
 from nas_data.dataset.provenance import Parent, Provenance, now, package_versions, read_provenance
 from nas_data.dataset.read import read
@@ -49,6 +51,7 @@ KINDS: Mapping[str, str] = {"position": POSITION, "velocity": VELOCITY, "torque"
 REMEDIES = {
     "unit_slip": "give radians and metres, numpy.radians(positions), or turns=True where a joint does go so far",
 }
+TO_SI = "convert the columns first, numpy.radians(states), and give the features the units of what they hold"
 EDITED = "edited in Python"
 
 
@@ -103,7 +106,10 @@ def with_origin(dataset: Dataset) -> Dataset:
     """
     if dataset.origin is not None:
         return dataset
-    complete, derived = as_transitions(dataset)
+    try:
+        complete, derived = as_transitions(dataset)
+    except DatasetInvalid as error:
+        raise DatasetInvalid(str(error).replace(REMEDY, TO_SI)) from None
     provenance = Provenance(how="edited", robot=dataset.robot_type, derived=derived, notes=EDITED)
     return replace(complete, origin=Origin(complete, provenance, derived))
 
@@ -261,7 +267,7 @@ def zip_alike(parts: list[Array], measured: list[Array], what: str) -> list[tupl
         DatasetInvalid: the numbers of episodes differ.
     """
     if len(parts) != len(measured):
-        raise DatasetInvalid(f"There are {len(measured)} episodes of positions and {len(parts)} of {what}.")
+        raise DatasetInvalid(f"The positions are of {count_of(len(measured), 'episode')}, the {what} of {len(parts)}.")
     return list(zip(parts, measured, strict=True))
 
 
@@ -272,7 +278,7 @@ def same(part: Array, rows: Array, what: str) -> bool:
         DatasetInvalid: the numbers of rows differ.
     """
     if len(part) != len(rows):
-        raise DatasetInvalid(f"An episode has {len(rows)} rows of positions and {len(part)} of {what}.")
+        raise DatasetInvalid(f"An episode has {count_of(len(rows), 'row')} of positions and {len(part)} of {what}.")
     return True
 
 

@@ -1,6 +1,6 @@
 """A recording: one episode of a log or dataset in SI units, row by row as recorded."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import TIME
+from nas_data.dataset.rows import TextLines, rows_text
 from nas_data.dataset.start_velocities import derived_velocities
 
 SIGNAL = "nas."  # how the keys of further signals begin
@@ -26,9 +27,10 @@ class Recording:
         velocities: Measured velocities [rad/s], shape (N, n); None if the log has none.
         commands: Commanded positions [rad] or torques [N·m], shape (N, n).
         signals: Other signals, shape (N, n) or (N, 1) each.
-        rows: Row number in the log of each row, shape (N,).
+        rows: Row number in the log of each row, counted from 0, shape (N,).
         constants: Values that the log holds once.
         gap: Gap in the log before the first row [s]; 0 if there is none.
+        lines: Lines of the log's text file by row number; None for other logs.
     """
 
     file: str
@@ -42,6 +44,7 @@ class Recording:
     rows: np.ndarray
     constants: Mapping[str, object] = field(default_factory=dict)
     gap: float = 0.0
+    lines: TextLines | None = None
 
     @property
     def label(self) -> str:
@@ -56,6 +59,10 @@ class Recording:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    def name_rows(self, rows: Sequence[int] | np.ndarray) -> str:
+        """Return row numbers of the log as words for messages; see `rows_text`."""
+        return rows_text(rows, self.lines)
 
     def take(self, chosen: np.ndarray | slice) -> "Recording":
         """Return the given rows; the time starts at the first of them."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.dataset import layout
 from nas_data.dataset.carried import Carried
 from nas_data.dataset.content import content_hash
@@ -115,7 +116,7 @@ def recover(root: Path, beyond: bool = False, like: Path | None = None) -> Rescu
     dataset, reports = replace(dataset, carried=carried), [*reports, *left_out]
     unknown = [episode for episode in kept if not tasks[episode]]
     if unknown:
-        reports.append(f"what {len(unknown)} episode(s) do is not known: {_some(unknown)}")
+        reports.append(f"what is done in {count_of(len(unknown), 'episode')} is not known: {_some(unknown)}")
     derived = Derived(dataset, _new_provenance(root, provenance, dataset, kept), attachments(root, provenance))
     return Rescue(root, derived, promised, tuple(kept), tuple(left), tuple(reports))
 
@@ -151,10 +152,10 @@ def _lost_episodes(found: Salvage, whole: Sequence[int], promised: int) -> list[
     missing = max(promised, max(whole, default=-1) + 1) - len(present)
     if missing > 0:
         first = next((index for index, episode in enumerate(present) if episode != index), len(present))
-        reports.append(f"of {missing} episode(s) there are no rows, the first is {first}")
+        reports.append(f"of {count_of(missing, 'episode')} there are no rows, the first is {first}")
     surplus = [episode for episode in whole if episode >= promised >= 0]
     if surplus:
-        reports.append(f"{len(surplus)} episode(s) were saved but not yet counted: {_some(surplus)}")
+        reports.append(f"it leaves {count_of(len(surplus), 'episode')}, saved but not yet counted: {_some(surplus)}")
     return reports
 
 
@@ -166,8 +167,8 @@ def _nothing(root: Path, reports: Sequence[str], left: Sequence[int]) -> str:
     reasons = "; ".join(reports) or "it holds no rows (data/*/*.parquet)"
     if left:
         return (
-            f"The first episode of {root} is lost ({reasons}); {len(left)} whole episode(s) follow: add --beyond to "
-            "rescue them under new numbers."
+            f"The first episode of {root} is lost ({reasons}); after it the data hold "
+            f"{count_of(len(left), 'whole episode')}: add --beyond to rescue what follows under new numbers."
         )
     return f"Nothing can be rescued from {root}: {reasons}."
 
@@ -245,7 +246,7 @@ def _new_provenance(root: Path, before: Provenance | None, dataset: Dataset, kep
         return before  # complete, killed just before it got its name
     home = root.resolve()
     name = f"{home.parent.name}/{home.name}" if VERSION.fullmatch(home.name) else destination(root)[1]
-    deed = f"rescued from {name}: {len(kept)} episode(s), {_some(kept)}"
+    deed = f"rescued from {name}: {count_of(len(kept), 'episode')}, {_some(kept)}"
     known = before or unknown_provenance(dataset)
     return replace(
         known,

@@ -1,10 +1,33 @@
-"""Naming rows of a log in a sentence; rows count from 0 at the first row of data."""
+"""Naming rows of a log in a sentence; rows count from 0 at the first row of data, lines of a file from 1."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
 SHOWN = 5
+
+
+@dataclass(frozen=True)
+class TextLines:
+    """Lines in which the rows of a text file stand, as an editor numbers them.
+
+    Attributes:
+        path: The file: a header, then one line a row. Empty lines hold no row.
+        count: Number of rows.
+    """
+
+    path: Path
+    count: int
+
+    @cached_property
+    def numbers(self) -> np.ndarray:
+        """Line of each row, shape (N,); empty where a row takes several lines, so that no line is certain."""
+        lines = self.path.read_bytes().splitlines()
+        filled = np.flatnonzero(np.array([bool(line) for line in lines])) + 1
+        return filled[1:] if len(filled) == self.count + 1 else filled[:0]
 
 
 def spans(rows: Sequence[int] | np.ndarray) -> list[tuple[int, int]]:
@@ -18,11 +41,28 @@ def spans(rows: Sequence[int] | np.ndarray) -> list[tuple[int, int]]:
     return list(zip(firsts.tolist(), lasts.tolist(), strict=True))
 
 
-def rows_text(rows: Sequence[int] | np.ndarray) -> str:
-    """Return rows as people write them: `row 3`, `rows 3–7, 12, 15, 20, 31 and 40 more places`."""
-    runs = spans(rows)
-    words = [str(first) if first == last else f"{first}–{last}" for first, last in runs[:SHOWN]]
-    more = len(runs) - SHOWN
+def rows_text(rows: Sequence[int] | np.ndarray, lines: TextLines | None = None) -> str:
+    """Return rows as people write them, and where to find them.
+
+    `row 3 (counted from 0)`, `rows 3–7, 12, 15, 20, 31 and 40 more places (counted from 0)`, or, for a text file,
+    `row 3 (line 5 of log.csv)`, `rows 3–7, 12 (lines 5–9, 14 of log.csv)`.
+
+    Args:
+        rows: Row numbers, counted from 0, ascending.
+        lines: Lines of the text file in which they stand; None for other logs.
+    """
+    runs = spans(rows)[:SHOWN]
+    more = len(spans(rows)) - SHOWN
     places = "1 more place" if more == 1 else f"{more} more places"
-    noun = "row" if len(rows) == 1 else "rows"
-    return f"{noun} {', '.join(words)}" + (f" and {places}" if more > 0 else "")
+    named = _numbers_text("row", runs) + (f" and {places}" if more > 0 else "")
+    if lines is None or not lines.numbers.size:
+        return f"{named} (counted from 0)"
+    there = [(int(lines.numbers[first]), int(lines.numbers[last])) for first, last in runs]
+    return f"{named} ({_numbers_text('line', there)}{' …' if more > 0 else ''} of {lines.path.name})"
+
+
+def _numbers_text(noun: str, runs: Sequence[tuple[int, int]]) -> str:
+    """Return runs of numbers behind their noun: `row 3`, `rows 3–7, 12`."""
+    words = [str(first) if first == last else f"{first}–{last}" for first, last in runs]
+    one = len(runs) == 1 and runs[0][0] == runs[0][1]
+    return f"{noun if one else f'{noun}s'} {', '.join(words)}"

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.dataset.derive_provenance import Derived, Original, inherit
 from nas_data.errors import OptionError
 
@@ -88,6 +89,6 @@ def format_episodes(episodes: Sequence[int]) -> str:
 
 def _part(original: Original, episodes: Sequence[int], how: str) -> Derived:
     """Return one part; its provenance names the episodes."""
-    rule = f"{len(episodes)} episodes, {how}," if how else f"episodes {format_episodes(episodes)}"
+    rule = f"{count_of(len(episodes), 'episode')}, {how}," if how else f"episodes {format_episodes(episodes)}"
     deed = f"{rule} of {original.parent.name}"
     return Derived(original.dataset.select(episodes), inherit([original], deed), original.attachments)

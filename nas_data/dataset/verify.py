@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
+from nas_data.count_of import count_of
 from nas_data.dataset import layout
 from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.audits.base import AuditFinding
@@ -172,7 +173,7 @@ def _episodes(evidence: VerifyInput) -> Iterator[str]:
     for key, values in expected.items():
         found = table[key].to_numpy()
         if len(found) != len(values):
-            yield f"meta/episodes lists {len(found)} episodes, the data files hold {len(values)}."
+            yield f"meta/episodes lists {count_of(len(found), 'episode')}, the data files hold {len(values)}."
             return
         wrong = np.flatnonzero(found != values)
         if len(wrong):
@@ -225,14 +226,17 @@ def _continuity(evidence: VerifyInput) -> Iterator[str]:
     gaps = _gaps(evidence)
     if len(gaps) and evidence.provenance is not None and evidence.provenance.contiguous:
         first = _locate(evidence.dataset, gaps[0])
-        yield f"In {len(gaps)} frames the next state is not the following frame's state (first: {first})."
+        yield f"In {count_of(len(gaps), 'frame')} the next state is not the following frame's state (first: {first})."
 
 
 def _loose(evidence: VerifyInput) -> Iterator[str]:
     """Note discontinuous transitions in other recordings."""
     gaps = _gaps(evidence)
     if len(gaps) and not (evidence.provenance is not None and evidence.provenance.contiguous):
-        yield f"In {len(gaps)} frames the next state is not the following frame's state: open loops need care."
+        yield (
+            f"In {count_of(len(gaps), 'frame')} the next state is not the following frame's state: open loops need "
+            "care."
+        )
 
 
 def _locate(dataset: Dataset, row: np.integer) -> str:

@@ -15,13 +15,15 @@ from nas_data.simulators.mujoco import MujocoSimulator
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # idle BLAS threads would occupy cores of the rollouts
-def fit_plain_source(dataset: Dataset, model: str | Path, name: Path, say: Callable[[str], None]) -> MujocoSimulator:
+def fit_plain_source(
+    dataset: Dataset, model: str | Path, root: Path | None, say: Callable[[str], None]
+) -> MujocoSimulator:
     """Fit gain, damping, rotor inertia, dry and viscous friction, and offset of a model to a recording.
 
     Args:
         dataset: Transitions of at least two episodes.
         model: Robot's name or model file.
-        name: Name of the dataset in errors.
+        root: Folder of the dataset, for errors; None where it is in memory only.
         say: Receives progress messages.
 
     Returns:
@@ -30,7 +32,7 @@ def fit_plain_source(dataset: Dataset, model: str | Path, name: Path, say: Calla
     Raises:
         NasError: dataset or model cannot be used.
     """
-    problem = Problem.of(dataset, model, name)
+    problem = Problem.of(dataset, model, root)
     search = Search.begin(problem.train, problem.held, say)
     plain = fit_plain(search)
     task = replace(problem.train, fine=search.task.fine)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from nas_data.count_of import count_of
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.foreign import take_in, warn
 from nas_data.dataset.read import read
@@ -34,7 +35,7 @@ class Problem:
         overlaps: These contacts.
         names: Names of dataset and model in the report.
         model_file: Robot's name or model file.
-        root: Folder of the dataset.
+        root: Folder of the dataset; None where it is in memory only.
     """
 
     dataset: Dataset
@@ -45,7 +46,7 @@ class Problem:
     overlaps: tuple[Overlap, ...]
     names: tuple[str, str]
     model_file: str | Path
-    root: Path
+    root: Path | None
 
     @classmethod
     def load(cls, dataset: str | Path, model: str | Path) -> "Problem":
@@ -60,25 +61,31 @@ class Problem:
         return cls.of(recorded, model, root)
 
     @classmethod
-    def of(cls, recorded: Dataset, model: str | Path, root: Path) -> "Problem":
+    def of(cls, recorded: Dataset, model: str | Path, root: Path | None) -> "Problem":
         """Prepare transitions and a model.
 
         Args:
             recorded: Transitions with 2n-states.
             model: Robot's name or model file.
-            root: Folder of the dataset, for names and errors.
+            root: Folder of the dataset, for names and errors; None where it is in memory only.
 
         Raises:
             NasError: one of the two cannot be used; the message names it.
         """
-        transitions = with_relative_gains(recorded, model, root)
+        transitions = with_relative_gains(recorded, model, root or "The dataset")
         kept = keep_torque_on_and_fall(transitions)
         evidence = EpisodeBatch.of(kept)
         if len(evidence) < 2:
             part = min(3.0, evidence.mask.sum() // 2 * evidence.period)
+            cut = (
+                f"cut it in time: nas split {root} --seconds {part:.4g}"
+                if root is not None
+                else "give Dataset.from_arrays a list of arrays, one an episode: numpy.array_split(positions, 2)"
+            )
             raise DatasetInvalid(
-                f"{root} has {len(evidence)} episode; at least two are needed, one to fit and one to judge by: "
-                f"record more, or cut it in time: nas split {root} --seconds {part:.4g}."
+                f"{root or 'The dataset'} has {count_of(len(evidence), 'episode')}; at least two are needed, one to "
+                "fit and one to "
+                f"judge by: record more, or {cut}."
             )
         as_given = Nominal.load(model, evidence)
         check_fits(transitions, as_given.simulator())
@@ -92,7 +99,8 @@ class Problem:
         train, held = (
             cut_windows(part, steps // simulator.substeps) for part, steps in ((train, TRAIN_STEPS), (held, HELD_STEPS))
         )
-        names = (root.parent.name if root.name.startswith("v") else root.name, Path(model).name)
+        folder = root or Path("dataset")
+        names = (folder.parent.name if folder.name.startswith("v") else folder.name, Path(model).name)
         tasks = FitTask(nominal, train, floor), FitTask(nominal, held, floor)
         return cls(transitions, evidence, *tasks, as_given, tuple(overlaps.values()), names, model, root)
 

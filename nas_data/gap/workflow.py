@@ -108,10 +108,10 @@ def name_and_report(
 def record_origin(problem: Problem, folder: Path, learn: int) -> MadeFrom:
     """Return the command that reproduces a report, the hashes of its input, and versions."""
     given = str(problem.model_file)
-    words = ["nas", "gap", str(problem.root), "--model", given.removesuffix(TORQUES), "--out", str(folder)]
+    words = ["nas", "gap", str(problem.root or "DATASET"), "--model", given.removesuffix(TORQUES), "--out", str(folder)]
     words += ["--actuators", "torque"] if given.endswith(TORQUES) else []
     words += ["--learn", str(learn)] if learn else []
-    provenance = read_provenance(problem.root)
+    provenance = None if problem.root is None else read_provenance(problem.root)
     return MadeFrom(
         command=shlex.join(words),
         content_hash=provenance.content_hash if provenance else content_hash(problem.dataset),

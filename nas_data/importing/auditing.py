@@ -29,7 +29,7 @@ def audit(recording: Recording, mapping: Map) -> list[AuditFinding]:
 
 def make_expected(mapping: Map) -> Expected:
     """Return the expectations of a map for the audits."""
-    return Expected(
+    expected = Expected(
         rate=mapping.rate,
         max_speed=mapping.thresholds.max_speed,
         jitter=mapping.thresholds.jitter,
@@ -40,6 +40,7 @@ def make_expected(mapping: Map) -> Expected:
         derived=mapping.derive_velocity,
         promise="the map says",
     )
+    return replace(expected, without_clock="say --uniform") if mapping.layout.format == "lerobot" else expected
 
 
 def check_degrees(recording: Recording, mapping: Map) -> list[AuditFinding]:

@@ -72,7 +72,12 @@ def parse_conversion(section: MapSection, kind: Kind, joints: Sequence[str]) -> 
     for joint, values in zip(joints, per_joint, strict=True):
         override = overrides.table(joint)
         kept = {key: value for key, value in values.items() if not (override.has("unit") and key in UNIT_KEYS)}
-        one = MapSection({**kept, **override.values}, section.file, f"{section.name}.joints.{joint}")
+        own = f"{section.name}.joints.{joint}"
+        # A missing key is missing beside the unit that needs it.
+        inherited = dict.fromkeys(kept, section.name) | dict.fromkeys(override.values, own)
+        one = MapSection(
+            {**kept, **override.values}, section.file, own if override.has("unit") else section.name, inherited
+        )
         lines.append(_parse_line(one, kind))
         one.finish()
     overrides.finish()
@@ -84,6 +89,10 @@ def _values_of(section: MapSection, index: int, count: int) -> dict[str, object]
     """Return the conversion keys for one joint; lists have one number per joint, except `range`, which is a pair."""
     values: dict[str, object] = {}
     for key in KEYS:
+        if key in ("unit", "kind") and isinstance(section.values.get(key), list):
+            raise section.error(
+                f"'{key}' is a list, but one stands for all joints; say another one's in [{section.name}.joints.JOINT]."
+            )
         if key in ("unit", "kind") and section.has(key):
             values[key] = section.text(key)
         elif key == "range" and section.has(key):
@@ -100,7 +109,7 @@ def _parse_line(section: MapSection, kind: Kind) -> tuple[float, float, str, Kin
         kind = _parse_kind(section, unit)
     sign = section.number("sign", 1.0)
     if abs(sign) != 1:
-        raise section.error(f"'sign' is {sign:g}; it must be 1 or -1.")
+        raise section.error(f"'sign' is {sign:g}; it must be 1 or -1.", "sign")
     offset = section.number("offset", 0.0) if kind == "position" else 0.0
     if unit == NORMALISED:
         gain, bias = _normalised(section, kind)
@@ -119,7 +128,8 @@ def _parse_kind(section: MapSection, unit: str) -> Kind:
     usual = next((kind for kind in COMMANDS if unit in _units(kind)), COMMANDS[0])
     kind = next(one for one in COMMANDS if one == section.text("kind", usual, choices=COMMANDS))
     if unit not in _units(kind):
-        raise section.error(f"'kind' is '{kind}' but 'unit' is '{unit}'; choose one of: {', '.join(_units(kind))}.")
+        choices = ", ".join(_units(kind))
+        raise section.error(f"'kind' is '{kind}' but 'unit' is '{unit}'; choose one of: {choices}.", "kind")
     return kind
 
 
@@ -127,7 +137,7 @@ def _scaled(section: MapSection, factor: float, unit: str, kind: Kind) -> tuple[
     """Read `scale` and `zero`: value = factor · scale · (raw − zero). Ticks and amperes require `scale`."""
     scale = section.number("scale", None if unit in SCALED else 1.0)
     if scale == 0:
-        raise section.error("'scale' is 0; it must be another number.")
+        raise section.error("'scale' is 0; it must be another number.", "scale")
     zero = section.number("zero", None if unit == "ticks" and kind == "position" else 0.0)
     return factor * scale, -factor * scale * zero
 
@@ -137,7 +147,8 @@ def _normalised(section: MapSection, kind: Kind) -> tuple[float, float]:
     first, last = section.numbers("range", 2)
     low, high = section.number("low"), section.number("high")
     if first == last or low == high:
-        raise section.error(f"'range' is {first:g} … {last:g} and low, high are {low:g}, {high:g}; ends must differ.")
+        ends = f"'range' is {first:g} … {last:g} and low, high are {low:g}, {high:g}"
+        raise section.error(f"{ends}; ends must differ.", "low" if low == high else "range")
     gain = (high - low) / (last - first)
     return gain, (low - gain * first if kind == "position" else 0.0)
 

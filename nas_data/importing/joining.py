@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.dataset.rows import rows_text
 from nas_data.errors import LogError
+from nas_data.importing.table import LogTable
 
 
 def match_rows(wanted: np.ndarray, given: np.ndarray, method: str, tolerance: float) -> np.ndarray:
@@ -30,12 +30,13 @@ def match_rows(wanted: np.ndarray, given: np.ndarray, method: str, tolerance: fl
     return np.where(found, rows, -1)
 
 
-def common_rows(matches: dict[Path, np.ndarray], log: Path, tolerance: float) -> slice:
+def common_rows(matches: dict[Path, np.ndarray], log: Path, table: LogTable, tolerance: float) -> slice:
     """Return the rows that have a match in every table; only rows at the ends may lack one.
 
     Args:
         matches: For each other file, its matching row for each row of the log, -1 for none.
         log: The log, for the error message.
+        table: The table with the positions, likewise.
         tolerance: Largest difference of joined times [s], for the error message.
 
     Raises:
@@ -54,7 +55,7 @@ def common_rows(matches: dict[Path, np.ndarray], log: Path, tolerance: float) ->
     if holes.size:
         path = next(path for path, rows in matches.items() if rows[holes[0]] < 0)
         raise LogError(
-            f"{log}: {path.name} has nothing within {tolerance:g} s of {rows_text(holes)}; "
+            f"{log}: {path.name} has nothing within {tolerance:g} s of {table.name_rows(holes)}; "
             "raise the tolerance of [join], or join with the previous row."
         )
     return whole

@@ -7,6 +7,7 @@ from nas_data.importing.section import MapSection
 
 BAGS = ("mcap", "rosbag")  # formats whose tables are topics
 JOINS = ("nearest", "previous")
+DECIMALS = (".", ",")
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,7 @@ class LogLayout:
         topics: Topic of each table where a log is a bag of messages; empty elsewhere.
         entries: JSON key that holds a list of rows; empty if a file holds one list per column.
         delimiter: Separator of the cells of a CSV file.
+        decimal: What stands before the decimals of its numbers, a point or a comma.
     """
 
     format: str
@@ -32,6 +34,7 @@ class LogLayout:
     tolerance: float = 1e-3
     entries: str = ""
     delimiter: str = ","
+    decimal: str = "."
 
 
 def parse_layout(top: MapSection, formats: tuple[str, ...]) -> LogLayout:
@@ -56,6 +59,7 @@ def parse_layout(top: MapSection, formats: tuple[str, ...]) -> LogLayout:
         tolerance=join.positive("tolerance", None if several else 1.0),
         entries=top.text("entries", "") if name == "json" else "",
         delimiter=top.text("delimiter", ",") if name == "csv" else ",",
+        decimal=top.text("decimal", DECIMALS[0], choices=DECIMALS) if name == "csv" else DECIMALS[0],
     )
     join.finish()
     return layout
@@ -79,5 +83,6 @@ def _refuse_keys_of_others(top: MapSection, name: str, several: bool) -> None:
         top.refuse("entries", "format = 'json'")
     if name != "csv":
         top.refuse("delimiter", "format = 'csv'")
+        top.refuse("decimal", "format = 'csv'")
     if not several:
         top.refuse("join", "logs of several [files] or [topics]")

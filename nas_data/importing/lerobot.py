@@ -16,6 +16,7 @@ from nas_data.dataset.foreign import import_command, is_ours, refuse
 from nas_data.dataset.joints import REMEDY, Components
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read, read_stamps, with_clock
+from nas_data.dataset.rows import rows_text
 from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import parent_of, resolve
 from nas_data.dataset.videos import VIDEO
@@ -224,8 +225,8 @@ def _report_gaps(dataset: Dataset, gaps: Sequence[tuple[int, float]]) -> list[Au
         episode = int(np.searchsorted(dataset.starts, frame, side="right")) - 1
         row = frame - int(dataset.starts[episode])
         what = (
-            f"{gap:.3g} s are missing before row {row}; the episode is divided there into two, because nothing was "
-            "measured in between"
+            f"{gap:.3g} s are missing before {rows_text([row])}; the episode is divided there into two, because "
+            "nothing was measured in between"
         )
         found.append(AuditFinding("time_gap", f"episode {episode}", what, rows=(row,)))
     return found

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from nas_data.count_of import count_of
 from nas_data.errors import MapError, UnknownName
 from nas_data.importing.conversion import (
     FACTORS,
@@ -121,10 +122,12 @@ def _find_slides(top: MapSection, parsed: Map) -> frozenset[str]:
         for joint, unit, kind in zip(parsed.joints, quantity.conversion.units, quantity.conversion.kinds, strict=True):
             slide = joint in slides
             if unit not in OF_EITHER and (unit in OF_SLIDES) != slide:
+                own = top.table("read").table(quantity.name).table("joints").table(joint)
+                where = own.name if own.has("unit") else f"read.{quantity.name}"
                 fitting = [one for one in FACTORS[kind] if one in OF_EITHER or (one in OF_SLIDES) == slide]
                 raise top.error(
                     f"'{joint}' is {'a slide' if slide else 'a hinge'} by 'slides' and the unit of its positions, but "
-                    f"its unit in [read.{quantity.name}] is '{unit}'; choose one of: {', '.join(fitting)}."
+                    f"its unit in [{where}] is '{unit}'; choose one of: {', '.join(fitting)}."
                 )
     return slides
 
@@ -166,13 +169,13 @@ def _parse_source(section: MapSection, layout: LogLayout, width: int, may_be_con
         raise section.error(f"exactly one of {' or '.join(repr(key) for key in keys)} is needed.")
     columns = section.texts("columns") if given == ["columns"] else (section.text(given[0]),)
     if given == ["columns"] and len(columns) != width:
-        raise section.error(f"'columns' names {len(columns)} columns; {width} are needed, one a joint.")
+        raise section.error(f"'columns' names {count_of(len(columns), 'column')}; {width} are needed, one a joint.")
     # A signal may belong to several joints, a state or command to one.
     if not may_be_constant:
         _refuse_twice(section, "columns", columns)
     components = section.integers("components") if section.has("components") else ()
     if components and (given != ["column"] or len(components) != width):
-        raise section.error(f"'components' picks {width} components out of one 'column', one a joint.")
+        raise section.error(f"'components' picks {count_of(width, 'component')} out of one 'column', one a joint.")
     if not may_be_constant:
         _refuse_twice(section, "components", components)
     table = _parse_table_name(section, layout)
@@ -225,6 +228,8 @@ def _parse_clock(section: MapSection) -> TimeColumn:
     """Read the source of the time; evenly spaced rows without a clock must be declared."""
     given = section.has("column")
     if section.flag("uniform"):
+        if given:
+            raise section.error("uniform = true is for logs without a time: leave out 'column' and 'unit', or it.")
         clock = TimeColumn("", "s")
     elif given:
         others = section.table("columns")

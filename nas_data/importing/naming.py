@@ -7,7 +7,6 @@ from typing import cast
 import numpy as np
 import pyarrow as pa
 
-from nas_data.dataset.rows import rows_text
 from nas_data.errors import LogError, MapError
 from nas_data.importing.map import Map
 from nas_data.importing.table import Column, LogTable
@@ -79,13 +78,13 @@ def _ordered(table: LogTable, mapping: Map, rows: list[tuple[str, ...]]) -> LogT
     if partial is not None:
         missing = next(joint for joint in mapping.joints if joint not in rows[partial])
         there = ", ".join(rows[partial][:SHOWN])
-        raise LogError(f"{table.path}: {rows_text([partial])} lacks the joint '{missing}'; it has {there}.")
+        raise LogError(f"{table.path}: {table.name_rows([partial])} lacks the joint '{missing}'; it has {there}.")
     places = np.array([kinds[names] for names, keep in zip(rows, kept, strict=True) if keep])
     widths = [len(names) for names, keep in zip(rows, kept, strict=True) if keep]
     columns: dict[str, Column] = {}
     for key, column in table.columns.items():
         columns[key] = _column(column, kept, places, widths)
-    return replace(table, columns=columns)
+    return replace(table, columns=columns, rows=np.flatnonzero(kept))
 
 
 def _places(names: tuple[str, ...], joints: tuple[str, ...]) -> tuple[int, ...] | None:

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.dataset.audits.timing import find_holes
 from nas_data.dataset.features import EFFORT, POSITION, VELOCITY
 from nas_data.dataset.recording import Recording
-from nas_data.dataset.rows import rows_text
 from nas_data.errors import LogError, MapError
 from nas_data.importing.conversion import TIME_UNITS, decode
 from nas_data.importing.formats import folder_kind, read_table, read_tables
@@ -48,7 +48,8 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
     }
     shared = slice(None)
     if partners:
-        shared = common_rows({tables[key].path: rows for key, rows in partners.items()}, log, mapping.layout.tolerance)
+        matches = {tables[key].path: rows for key, rows in partners.items()}
+        shared = common_rows(matches, log, reference, mapping.layout.tolerance)
 
     def read(quantity: LogQuantity) -> np.ndarray:
         table = tables[quantity.source.table]
@@ -68,12 +69,15 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
         commands=read(mapping.command),
         signals={name: read(signal) for name, signal in mapping.signals.items()},
         rows=np.arange(len(time))[shared],
+        lines=reference.lines,
     )
     episodes = _split(whole, tables, mapping) if mapping.episode else [whole]
     episodes = [
         replace(part, constants={name: _constant(tables, name, mapping, part.rows) for name in mapping.constants})
         for part in episodes
     ]
+    if reference.rows is not None:
+        episodes = [replace(part, rows=reference.rows[part.rows]) for part in episodes]
     recordings = [part for episode in episodes for part in divide_at_gaps(episode, mapping.rate)]
     for recording in recordings:
         if len(recording) < ENOUGH:
@@ -110,9 +114,9 @@ def divide_at_gaps(recording: Recording, rate: float) -> list[Recording]:
 
 def _too_short(recording: Recording) -> LogError:
     """Return the error for an episode with too few rows."""
-    sentence = f"{recording.label} has {len(recording)} rows; at least {ENOUGH} are needed"
+    sentence = f"{recording.label} has {count_of(len(recording), 'row')}; at least {ENOUGH} are needed"
     if recording.gap:
-        sentence += f"; take out {rows_text(recording.rows)}, before which {recording.gap:.3g} s are missing"
+        sentence += f"; take out {recording.name_rows(recording.rows)}, before which {recording.gap:.3g} s are missing"
     return LogError(sentence + ".")
 
 
@@ -154,7 +158,7 @@ def _join(time: np.ndarray, given: np.ndarray, table: LogTable, mapping: Map) ->
     bad = np.flatnonzero(~(np.diff(given) >= 0)) + 1
     if bad.size:
         raise LogError(
-            f"{table.path}: the time goes back or is no number in {rows_text(bad)}; sort or repair the file."
+            f"{table.path}: the time goes back or is no number in {table.name_rows(bad)}; sort or repair the file."
         )
     return match_rows(time, given, mapping.layout.join, mapping.layout.tolerance)
 
@@ -195,7 +199,7 @@ def _read_quantity(table: LogTable, quantity: LogQuantity, count: int) -> np.nda
     raw = _read_source(table, quantity.source, width, count)
     if len(raw) != count:
         raise LogError(
-            f"{table.path}: '{quantity.source.columns[0]}' has {len(raw)} rows, but its times are {count}; "
+            f"{table.path}: '{quantity.source.columns[0]}' has {count_of(len(raw), 'row')}, but its times are {count}; "
             "they must be equally many."
         )
     if quantity.encoding:
@@ -221,13 +225,14 @@ def _read_source(table: LogTable, source: LogColumns, width: int, count: int) ->
     if source.components:
         if max(source.components) >= raw.shape[1]:
             raise MapError(
-                f"{table.path}: '{source.columns[0]}' has {raw.shape[1]} components, "
+                f"{table.path}: '{source.columns[0]}' has {count_of(raw.shape[1], 'component')}, "
                 f"but the map picks number {max(source.components)} (they count from 0)."
             )
         return raw[:, list(source.components)]
     if raw.shape[1] != width:
         raise LogError(
-            f"{table.path}: '{source.columns[0]}' has {raw.shape[1]} numbers a row, but the map has {width} joints; "
+            f"{table.path}: '{source.columns[0]}' has {count_of(raw.shape[1], 'number')} a row, but the map has "
+            f"{count_of(width, 'joint')}; "
             "correct 'joints', or pick with 'components'."
         )
     return raw
@@ -240,7 +245,7 @@ def _check_register(table: LogTable, quantity: LogQuantity, raw: np.ndarray) -> 
     bad = np.flatnonzero(((raw < 0) | (raw >= 2**bits)).any(axis=1))
     if bad.size:
         raise LogError(
-            f"{table.path}: '{quantity.source.columns[0]}' in {rows_text(bad)} is not within 0 … {2**bits - 1}, "
+            f"{table.path}: '{quantity.source.columns[0]}' in {table.name_rows(bad)} is not within 0 … {2**bits - 1}, "
             f"so it is no {quantity.encoding} register read as unsigned; take 'encoding' out of the map."
         )
 

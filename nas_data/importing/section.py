@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 
+from nas_data.count_of import count_of
 from nas_data.errors import MapError
 
 
@@ -13,18 +14,23 @@ class MapSection:
         values: The table's content.
         file: File it comes from, as named in errors.
         name: Table's name, for example `read.position`; empty for the top of the file.
+        inherited: Name of the table in which a key stands, for keys of other tables.
     """
 
-    def __init__(self, values: Mapping[str, object], file: str, name: str = "") -> None:
+    def __init__(
+        self, values: Mapping[str, object], file: str, name: str = "", inherited: Mapping[str, str] | None = None
+    ) -> None:
         self.values = values
         self.file = file
         self.name = name
+        self._inherited = inherited or {}
         self._taken: set[str] = set()
         self._known: set[str] = set()
 
-    def error(self, sentence: str) -> MapError:
-        """Return an error that names the file and the table."""
-        place = f"{self.file}, [{self.name}]" if self.name else self.file
+    def error(self, sentence: str, key: str = "") -> MapError:
+        """Return an error that names the file and the table: the one in which a key stands, if one is given."""
+        name = self._inherited.get(key, self.name)
+        place = f"{self.file}, [{name}]" if name else self.file
         return MapError(f"{place}: {sentence}")
 
     def has(self, key: str) -> bool:
@@ -35,43 +41,43 @@ class MapSection:
     def refuse(self, key: str, owner: str) -> None:
         """Raise MapError if a key is given that belongs to another setting, such as another file format."""
         if self.has(key):
-            raise self.error(f"there is no key '{key}' here: it belongs to {owner}.")
+            raise self.error(f"there is no key '{key}' here: it belongs to {owner}.", key)
 
     def text(self, key: str, default: str | None = None, choices: Sequence[str] = ()) -> str:
         """Take a string."""
         value = self._take(key, default)
         if not isinstance(value, str):
-            raise self.error(f"'{key}' is {value!r}; it must be a text in quotes.")
+            raise self.error(f"'{key}' is {value!r}; it must be a text in quotes.", key)
         if choices and value not in choices:
-            raise self.error(f"'{key}' is '{value}'; choose one of: {', '.join(choices)}.")
+            raise self.error(f"'{key}' is '{value}'; choose one of: {', '.join(choices)}.", key)
         return value
 
     def number(self, key: str, default: float | None = None) -> float:
         """Take a finite number."""
         value = self._take(key, default)
         if not _is_number(value):
-            raise self.error(f"'{key}' is {value!r}; it must be a number.")
+            raise self.error(f"'{key}' is {value!r}; it must be a number.", key)
         return float(str(value))
 
     def positive(self, key: str, default: float | None = None) -> float:
         """Take a number above zero."""
         value = self.number(key, default)
         if value <= 0:
-            raise self.error(f"'{key}' is {value:g}; it must be above 0.")
+            raise self.error(f"'{key}' is {value:g}; it must be above 0.", key)
         return value
 
     def flag(self, key: str, default: bool = False) -> bool:
         """Take true or false."""
         value = self._take(key, default)
         if not isinstance(value, bool):
-            raise self.error(f"'{key}' is {value!r}; it must be true or false.")
+            raise self.error(f"'{key}' is {value!r}; it must be true or false.", key)
         return value
 
     def texts(self, key: str, default: tuple[str, ...] | None = None) -> tuple[str, ...]:
         """Take a list of strings."""
         value = self._take(key, default)
         if not isinstance(value, list | tuple) or not all(isinstance(item, str) for item in value):
-            raise self.error(f"'{key}' is {value!r}; it must be a list of texts in quotes.")
+            raise self.error(f"'{key}' is {value!r}; it must be a list of texts in quotes.", key)
         return tuple(value)
 
     def numbers(self, key: str, count: int, default: float | None = None) -> tuple[float, ...]:
@@ -80,16 +86,16 @@ class MapSection:
         if _is_number(value):
             return (float(str(value)),) * count
         if not isinstance(value, list) or not all(_is_number(item) for item in value):
-            raise self.error(f"'{key}' is {value!r}; it must be a number or a list of numbers.")
+            raise self.error(f"'{key}' is {value!r}; it must be a number or a list of numbers.", key)
         if len(value) != count:
-            raise self.error(f"'{key}' has {len(value)} numbers; {count} are needed.")
+            raise self.error(f"'{key}' has {count_of(len(value), 'number')}; {count} are needed.", key)
         return tuple(float(item) for item in value)
 
     def integers(self, key: str) -> tuple[int, ...]:
         """Take a list of whole numbers from 0 on."""
         value = self._take(key, None)
         if not isinstance(value, list) or not all(type(item) is int and item >= 0 for item in value):
-            raise self.error(f"'{key}' is {value!r}; it must be a list of whole numbers from 0 on.")
+            raise self.error(f"'{key}' is {value!r}; it must be a list of whole numbers from 0 on.", key)
         return tuple(value)
 
     def table(self, key: str) -> "MapSection":
@@ -97,7 +103,7 @@ class MapSection:
         value = self._take(key, {})
         name = f"{self.name}.{key}" if self.name else key
         if not isinstance(value, Mapping):
-            raise self.error(f"'{key}' is {value!r}; it must be a table: [{name}].")
+            raise self.error(f"'{key}' is {value!r}; it must be a table: [{name}].", key)
         return MapSection(value, self.file, name)
 
     def tables(self) -> dict[str, "MapSection"]:
@@ -115,7 +121,8 @@ class MapSection:
             known = sorted(self._taken | self._known)
             near = get_close_matches(unknown[0], known, n=1)
             hint = f" (did you mean '{near[0]}'?)" if near else ""
-            raise self.error(f"there is no key '{unknown[0]}' here{hint}; the keys are: {', '.join(known) or 'none'}.")
+            keys = ", ".join(known) or "none"
+            raise self.error(f"there is no key '{unknown[0]}' here{hint}; the keys are: {keys}.", unknown[0])
 
     def _take(self, key: str, default: object) -> object:
         self._taken.add(key)

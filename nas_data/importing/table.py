@@ -10,10 +10,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from nas_data.dataset.rows import rows_text
+from nas_data.count_of import count_of
+from nas_data.dataset.rows import TextLines, rows_text
 from nas_data.errors import LogError, MapError
 
 Column: TypeAlias = pa.Array | pa.ChunkedArray | np.ndarray
+NO_DECIMAL = "'"  # what a point becomes where the decimal is a comma: no number holds it
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,9 @@ class LogTable:
         constants: Values that the file holds once.
         unreadable: Reason and remedy for each unreadable column, by name.
         names: Component names of columns, if the format has them.
+        lines: Lines of a text file by row of the file; None for other formats.
+        decimal: What stands before the decimals of numbers in text cells; JSON lists always have a point.
+        rows: Row of the file of each row, shape (N,); None where none was left out.
     """
 
     path: Path
@@ -33,6 +38,13 @@ class LogTable:
     constants: Mapping[str, object] = field(default_factory=dict)
     unreadable: Mapping[str, str] = field(default_factory=dict)
     names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    lines: TextLines | None = None
+    decimal: str = "."
+    rows: np.ndarray | None = None
+
+    def name_rows(self, rows: Sequence[int] | np.ndarray) -> str:
+        """Return rows of the table as words for messages: as rows, and lines, of the file."""
+        return rows_text(rows if self.rows is None else self.rows[np.asarray(rows)], self.lines)
 
     def column(self, name: str) -> Column:
         """Return a column as stored.
@@ -109,7 +121,7 @@ class LogTable:
         values = whole[rows].tolist()
         if any(value != values[0] for value in values):
             raise LogError(f"{self.path}: '{name}' changes within the log, so it is no constant; give it as 'column'.")
-        return number_or_text(values[0]) if values else None
+        return number_or_text(values[0], self.decimal) if values else None
 
     def _numpy_ticks(self, name: str, column: np.ndarray, unit: str) -> np.ndarray | None:
         """Return an array of integers or dates as integers, shape (N,); None for others."""
@@ -123,6 +135,8 @@ class LogTable:
         """Return a column of integers or dates, also as text, as integers, shape (N,); None for others."""
         if pa.types.is_string(column.type):
             kinds = [pa.timestamp("ns"), pa.timestamp("ns", "UTC")] if unit == "datetime" else [pa.int64()]
+            column = pc.utf8_trim_whitespace(column)
+            column = pc.replace_substring(column, self.decimal, ".") if unit == "datetime" else column
             for kind in kinds:
                 try:
                     return None if column.null_count else _plain(column.cast(kind).cast(pa.int64()))
@@ -143,7 +157,7 @@ class LogTable:
     def _from_numpy(self, name: str, column: np.ndarray) -> np.ndarray:
         if column.dtype.kind not in "biuf" or column.ndim not in (1, 2):
             raise LogError(
-                f"{self.path}: the array '{name}' has {column.ndim} dimensions of {column.dtype}; "
+                f"{self.path}: the array '{name}' has {count_of(column.ndim, 'dimension')} of {column.dtype}; "
                 "numbers in one or two dimensions are needed."
             )
         return (column if column.ndim == 2 else column[:, None]).astype(np.float64)
@@ -155,14 +169,23 @@ class LogTable:
             self._refuse_nulls(name, column)
             return self._from_json_cells(name, column.to_pylist())
         try:
-            return _plain(column.cast(pa.float64()))[:, None]
+            return _plain(self._with_point(column).cast(pa.float64()))[:, None]
         except pa.ArrowInvalid:
-            cells = column.to_pylist()
-            row = next(row for row, cell in enumerate(cells) if cell is not None and not _is_number(cell))
-            comma = "; write numbers with a decimal point" if _is_number(cells[row].replace(",", ".")) else ""
+            cells, points = column.to_pylist(), self._with_point(column).to_pylist()
+            row = next(row for row, cell in enumerate(points) if cell is not None and not _is_number(cell))
+            other = {".": ",", ",": "."}[self.decimal]
+            is_other = _is_number(cells[row].replace(other, "."))
+            remedy = f"; if it is one, say decimal = '{other}' at the top of the map" if is_other else ""
             raise LogError(
-                f"{self.path}: the column '{name}' holds {cells[row]!r} in row {row}, no number{comma}."
+                f"{self.path}: the column '{name}' holds {cells[row]!r} in {self.name_rows([row])}, no number{remedy}."
             ) from None
+
+    def _with_point(self, column: pa.Array) -> pa.Array:
+        """Return text cells without space around and with a point before decimals; one between thousands is none."""
+        column = pc.utf8_trim_whitespace(column)
+        if self.decimal == ".":
+            return column
+        return pc.replace_substring(pc.replace_substring(column, ".", NO_DECIMAL), self.decimal, ".")
 
     def _from_json_cells(self, name: str, cells: list[str]) -> np.ndarray:
         try:
@@ -171,8 +194,8 @@ class LogTable:
             width = len(_list_of(cells[0]))
             row = next((row for row, cell in enumerate(cells) if len(_list_of(cell)) != width or not width), 0)
             raise LogError(
-                f"{self.path}: the column '{name}' holds {cells[row][:60]!r} in row {row}; "
-                f"a JSON list of {width} numbers is needed in every row."
+                f"{self.path}: the column '{name}' holds {cells[row][:60]!r} in {self.name_rows([row])}; "
+                f"a JSON list of {count_of(width, 'number')} is needed in every row."
             ) from None
 
     def _from_lists(self, name: str, column: pa.ChunkedArray) -> np.ndarray:
@@ -181,7 +204,9 @@ class LogTable:
         if len(set(lengths.tolist())) > 1:
             row = int(np.flatnonzero(lengths != lengths[0])[0])
             raise LogError(
-                f"{self.path}: the column '{name}' holds {lengths[0]} numbers in row 0 and {lengths[row]} in row {row}."
+                f"{self.path}: the column '{name}' holds {count_of(lengths[0], 'number')} in the first row and "
+                f"{lengths[row]} in "
+                f"{self.name_rows([row])}."
             )
         try:
             flat = _plain(pc.list_flatten(column).cast(pa.float64()))
@@ -192,7 +217,7 @@ class LogTable:
     def _refuse_nulls(self, name: str, column: pa.ChunkedArray) -> None:
         if column.null_count:
             rows = np.flatnonzero(column.is_null().to_numpy(zero_copy_only=False))
-            raise LogError(f"{self.path}: the column '{name}' is empty in {rows_text(rows)}; take these rows out.")
+            raise LogError(f"{self.path}: the column '{name}' is empty in {self.name_rows(rows)}; take these rows out.")
 
 
 def refuse_twice(path: Path, names: Sequence[str]) -> None:
@@ -207,11 +232,14 @@ def refuse_twice(path: Path, names: Sequence[str]) -> None:
         raise LogError(f"{path} has the column '{twice}' twice, as columns {places}; give each its own name.")
 
 
-def number_or_text(value: object) -> object:
+def number_or_text(value: object, decimal: str = ".") -> object:
     """Convert text to a number if it is one: CSV cells and Parquet metadata are text."""
-    if not isinstance(value, str) or not _is_number(value):
+    if not isinstance(value, str):
         return value
-    return int(value) if value.strip().lstrip("+-").isdecimal() else float(value)
+    text = value if decimal == "." else value.replace(".", NO_DECIMAL).replace(decimal, ".")
+    if not _is_number(text):
+        return value
+    return int(text) if text.strip().lstrip("+-").isdecimal() else float(text)
 
 
 def _plain(column: pa.Array | pa.ChunkedArray) -> np.ndarray:
@@ -238,7 +266,7 @@ def _is_number(cell: str) -> bool:
         float(cell)
     except ValueError:
         return False
-    return True
+    return "_" not in cell  # Python's own way of grouping digits
 
 
 def _list_of(cell: str) -> list[float]:

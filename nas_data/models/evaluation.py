@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 
+from nas_data.count_of import count_of
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION
 from nas_data.errors import JointMismatch
@@ -48,7 +49,7 @@ class Evaluation:
         """Return the open-loop error of each predictor in one line."""
         errors = ", ".join(f"{name} {one.overall:.3g}" for name, one in self.open_loop.items())
         first = next(iter(self.open_loop.values()))
-        return f"Evaluation({len(first.lengths)} episodes, open loop [{first.unit.si}]: {errors})"
+        return f"Evaluation({count_of(len(first.lengths), 'episode')}, open loop [{first.unit.si}]: {errors})"
 
     def __str__(self) -> str:
         """Return both tables."""
@@ -97,7 +98,8 @@ def describe_divergence(name: str, times: Mapping[int, float], episodes: int) ->
     more = [f"and {len(entries) - DIVERGED_SHOWN} more"] if len(entries) > DIVERGED_SHOWN else []
     subject = "φ, not the source," if name == MODEL["delta"] else name
     return (
-        f"{name} diverges in {len(times)} of {episodes} episodes ({', '.join([*entries[:DIVERGED_SHOWN], *more])}): "
+        f"{name} diverges in {len(times)} of {count_of(episodes, 'episode')} "
+        f"({', '.join([*entries[:DIVERGED_SHOWN], *more])}): "
         f"{subject} leaves all bounds; train it longer or on more data."
     )
 

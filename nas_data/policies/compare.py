@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import OptionError, SimulationDiverged
 from nas_data.policies.evaluate import score_policy, summarise_spread
@@ -197,7 +198,8 @@ class Comparison:
             learning, judging = (int(self.diverged(method, when).sum()) for when in ("learning", "judging"))
             if learning or judging:
                 said.append(
-                    f"{method}: {learning:,} episodes while learning and {judging} while judged left all bounds; each "
+                    f"{method}: {count_of(learning, 'episode', ',')} while learning and {judging} while judged left "
+                    "all bounds; each "
                     "was ended there, with the least reward for every step that it still had."
                 )
         return said

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nas_data.count_of import count_of
+
 LEVEL = 0.95  # of intervals by resampling
 ENDS = ((1 - LEVEL) / 2, (1 + LEVEL) / 2)
 RESAMPLES = 10_000  # of the bootstrap
@@ -42,13 +44,15 @@ class Interval:
 def kind_of(seeds: int) -> str:
     """Return a phrase for the interval of a median over seeds."""
     if seeds < FEW:
-        return f"range of {seeds} seeds"
-    return f"range of {seeds} seeds, {1 - 2 ** (1 - seeds):.0%}" if seeds == FEW else f"bootstrap, {LEVEL:.0%}"
+        return f"range of {count_of(seeds, 'seed')}"
+    return (
+        f"range of {count_of(seeds, 'seed')}, {1 - 2 ** (1 - seeds):.0%}" if seeds == FEW else f"bootstrap, {LEVEL:.0%}"
+    )
 
 
 def bootstrap_of(seeds: int) -> str:
     """Return a phrase for a bootstrap interval over seeds; with few seeds its coverage is below its level."""
-    return f"bootstrap of {seeds} seeds" if seeds <= FEW else f"bootstrap, {LEVEL:.0%}"
+    return f"bootstrap of {count_of(seeds, 'seed')}" if seeds <= FEW else f"bootstrap, {LEVEL:.0%}"
 
 
 def median_interval(values: np.ndarray) -> Interval:

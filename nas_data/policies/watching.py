@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from nas_data.count_of import count_of
 from nas_data.errors import CheckpointError
 from nas_data.policies.compare import Study
 from nas_data.policies.policy import read_progress
@@ -32,7 +33,10 @@ def watching(study: Study, folder: Path, report: Callable[[str], None], pause: f
         done = min(float(total), count_frames(folders))
         if done > before:
             left = (total - done) / (done - first) * (time.monotonic() - began)
-            report(f"{len(folders)} policies: {done / total:.0%} of {total:,} control steps, {spoken(left)} left")
+            report(
+                f"{count_of(len(folders), 'policy', plural='policies')}: {done / total:.0%} of {total:,} control "
+                f"steps, {spoken(left)} left"
+            )
         before = done
 
     with repeating(speak, pause):

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.effects.base import Effect, make_effect
 from nas_data.errors import OptionError
 from nas_data.recorders.path_planner import PathPlanner
@@ -113,7 +114,8 @@ def draw_plan(
                 key=plan_key(robot, protocol, rate, speed),
             )
     raise OptionError(
-        f"Of {len(fates)} episodes of {session.task} only {len(commands)} touch neither the arm nor the floor; use "
+        f"Of {count_of(len(fates), 'episode')} of {session.task} only {len(commands)} touch neither the arm nor the "
+        "floor; use "
         "less of the joints' range (--excitation NAME:share=0.5)."
     )
 
@@ -152,5 +154,7 @@ def _limits(robot: Robot, speeds: np.ndarray) -> list[Effect]:
 
 def _same_length(rows: np.ndarray, first: np.ndarray) -> np.ndarray:
     if len(rows) != len(first):
-        raise OptionError(f"Episodes of {len(first)} and {len(rows)} steps are in one file; make them equally long.")
+        raise OptionError(
+            f"Episodes of {len(first)} and {count_of(len(rows), 'step')} are in one file; make them equally long."
+        )
     return rows

@@ -6,6 +6,7 @@ from typing import Self
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import TIME
 from nas_data.recorders.arm_dataset import LATE, REPEATED, TEMPERATURE, VOLTAGE
@@ -95,7 +96,7 @@ class RecordingQuality:
         stats = self.stats
         lines = [
             f"{self.late} late readings ({self.late_share:.3%}), {self.repeated} repeated, {stats.missed} missed; "
-            f"{stats.anew} episodes recorded anew, {stats.retries} readings tried again",
+            f"{count_of(stats.anew, 'episode')} recorded anew, {count_of(stats.retries, 'reading')} tried again",
             f"{self.rate:.2f} Hz by the clock, longest step {self.longest_step * 1e3:.1f} ms; servos up to "
             f"{self.warmest:.0f} °C, supply down to {self.lowest_voltage:.1f} V, {stats.pauses} pauses to cool",
         ]

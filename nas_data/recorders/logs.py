@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import (
@@ -149,7 +150,9 @@ def _finish(recording: Recording, mapping: Map) -> Recording:
     if mapping.resample:
         whole = resample(whole, mapping.resample)
     if len(whole) < ENOUGH - 1:
-        raise LogError(f"{recording.label} has {len(whole)} rows after resampling; at least {ENOUGH - 1} are needed.")
+        raise LogError(
+            f"{recording.label} has {count_of(len(whole), 'row')} after resampling; at least {ENOUGH - 1} are needed."
+        )
     if not mapping.derive_velocity:
         return whole
     return replace(whole, velocities=estimate_velocities(whole.positions, mapping.fps))

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.command_file import check_limits, read_commands
+from nas_data.count_of import count_of
 from nas_data.dataset.features import POSITION
 from nas_data.dataset.provenance import Provenance
 from nas_data.errors import JointMismatch, OptionError
@@ -96,7 +97,8 @@ def check_amount(episodes: int, seconds: float, longest: float) -> None:
     """
     if episodes < 1 or not 0 < seconds <= longest:
         raise OptionError(
-            f"{episodes} episodes of {seconds} s cannot be recorded; at least one is needed, of up to {longest:g} s."
+            f"{count_of(episodes, 'episode')} of {seconds} s cannot be recorded; at least one is needed, of up to "
+            f"{longest:g} s."
         )
 
 

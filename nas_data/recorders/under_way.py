@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+from nas_data.count_of import count_of
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.incremental_writer import IncrementalWriter
 from nas_data.dataset.provenance import now, read_provenance
@@ -26,7 +27,7 @@ def describe_progress(root: Path, count: int, wanted: int) -> str:
     """Return a sentence on how many of the wanted episodes are saved, and how to resume."""
     if not count:
         return "Nothing was recorded yet."
-    return f"{count} of {wanted} episodes are saved in {root}; the same command goes on from there."
+    return f"{count} of {count_of(wanted, 'episode')} are saved in {root}; the same command goes on from there."
 
 
 def other_recording_error(root: Path, what: str, option: str = "--name") -> OptionError:

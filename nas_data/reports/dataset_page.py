@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.audits.timing import find_holes
 from nas_data.dataset.dataset import Dataset
@@ -52,11 +53,11 @@ def page_of_folder(folder: Path) -> HtmlPage:
 def lead(summary: DatasetSummary) -> str:
     """Say in one sentence what was recorded."""
     frames, count = sum(summary.lengths), len(summary.lengths)
-    joints = f" with {len(summary.joints)} joints" if summary.joints else ""
+    joints = f" with {count_of(len(summary.joints), 'joint')}" if summary.joints else ""
     commands = f", commanded in {summary.commands}" if summary.commands else ""
     paired = ", paired with a source's predictions" if summary.paired else ""
     return (
-        f"{count} episode{'' if count == 1 else 's'} of {summary.robot}{joints}, {frames / summary.rate:.4g} s at "
+        f"{count_of(count, 'episode')} of {summary.robot}{joints}, {frames / summary.rate:.4g} s at "
         f"{summary.rate:g} Hz{commands}{paired}."
     )
 

@@ -9,6 +9,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExe
 from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
+from nas_data.count_of import count_of
 from nas_data.errors import JobsFailed, NasError, WorkerLost
 
 Job = TypeVar("Job")
@@ -67,7 +68,7 @@ def combine_errors(failed: dict[int, Exception], jobs: int, left_out: int = 0) -
         return (strange or errors)[0]
     different = list(dict.fromkeys(str(error) for error in errors))
     others = f"{left_out} that build on them were left out; all others are done" if left_out else "all others are done"
-    return JobsFailed(f"{len(errors)} of {jobs} jobs failed; {others}. {' '.join(different)}")
+    return JobsFailed(f"{len(errors)} of {count_of(jobs, 'job')} failed; {others}. {' '.join(different)}")
 
 
 def run_all(

@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from nas_data.count_of import count_of
+
 PAUSE = 2.0  # [s] between two lines
 SILENCE = 10.0  # [s] after which a step that says nothing is said to go on
 SHOWN = 60  # characters of the last line in the line that says that it goes on
@@ -62,7 +64,7 @@ class Remaining:
         if sys.stderr.isatty() or now - self.spoken >= PAUSE or done == self.wanted:
             self.spoken = now
             left = (now - self.began) / (done - self.first) * (self.wanted - done)
-            say(f"{self.verb}{done} of {self.wanted} episodes, {left / 60:.0f} min left{more}")
+            say(f"{self.verb}{done} of {count_of(self.wanted, 'episode')}, {left / 60:.0f} min left{more}")
 
 
 class Counting:

@@ -14,6 +14,7 @@ import numpy as np
 
 from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.dataset import Dataset
+from nas_data.errors import JointMismatch
 from nas_data.joint_units import kinds_of, radians_at
 from nas_data.robots.base import find_robot
 
@@ -51,24 +52,23 @@ def check(
             not compared: they would suggest other causes.
 
     Raises:
+        JointMismatch: the model lacks a joint of the dataset.
         ModelFileError, UnknownName: the model cannot be used.
     """
-    compiled = find_robot(model).spec().compile()
+    compiled, joints = find_robot(model).spec().compile(), dataset.joints
     names = [compiled.joint(index).name for index in range(compiled.njnt)]
-    joints = [joint for joint in dataset.joints if joint in names]
-    found = [
-        AuditFinding(
-            "model_joint", "the dataset", f"its joint '{joint}' is not in {model}, which has: {', '.join(names)}"
+    missing = [joint for joint in joints if joint not in names]
+    if missing:
+        raise JointMismatch(
+            f"{model} has no joint '{missing[0]}'; it has: {', '.join(names)}. Name the joints in 'joints' of the map "
+            "as the model does, or give the model of this robot."
         )
-        for joint in dataset.joints
-        if joint not in names
-    ]
-    found += [finding for joint in joints for finding in _kind(dataset, compiled, joint)]
+    found = [finding for joint in joints for finding in _kind(dataset, compiled, joint)]
     if any(finding.check in MAP_ERRORS for finding in known):
         return found
     found += [finding for joint in joints for finding in _limits(dataset, compiled, joint)]
     found += [finding for joint in joints for finding in _middle(dataset, compiled, joint, (middles or {}).get(joint))]
-    if (not dataset.commands_positions) or len(joints) < len(dataset.joints):
+    if not dataset.commands_positions:
         return found
     resting = _RestingRows.of(dataset, compiled)
     if resting is not None:
@@ -96,23 +96,53 @@ def _kind(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[AuditFind
 
 
 def _limits(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[AuditFinding]:
-    """Report a joint that leaves its model's range, and whether another sign or zero would fit."""
-    if not model.jnt_limited[model.joint(joint).id]:
+    """Report a joint that leaves its model's range, and whether another sign, zero or column would fit."""
+    if _fits(dataset, model, joint, joint):
         return []
     low, high = (float(end) for end in model.joint(joint).range)
     positions = dataset.states[:, dataset.joints.index(joint)].astype(float)
     first, last = float(positions.min()), float(positions.max())
     margin = MARGIN * radian_at(dataset, model, joint)
-    if first >= low - margin and last <= high + margin:
-        return []
     if -last >= low - margin and -first <= high + margin:
         reason, remedy = "with the opposite sign it would not", f"check sign = -1 of {joint} in the map"
     elif last - first <= high - low + 2 * margin:
         reason, remedy = "with another zero it would not", f"check 'offset' or 'zero' of {joint} in the map"
     else:
         reason, remedy = "it turns farther than the model does", f"check the unit and scale of {joint} in the map"
+    other = _find_exchanged(dataset, model, joint)
+    if other is not None:
+        reason += f", nor would it and {other} if they were exchanged"
+        remedy += f", or whether the map takes {joint} and {other} for one another"
     what = f"{joint} goes from {first:.3g} to {last:.3g}, beyond the model's range {low:.3g} … {high:.3g}; {reason}"
     return [AuditFinding("model_limits", "the dataset", what, remedy)]
+
+
+def _fits(dataset: Dataset, model: mujoco.MjModel, joint: str, read: str) -> bool:
+    """Whether the positions read for a joint lie within the model's range of this or another joint."""
+    if not model.jnt_limited[model.joint(joint).id]:
+        return True
+    low, high = (float(end) for end in model.joint(joint).range)
+    positions = dataset.states[:, dataset.joints.index(read)].astype(float)
+    margin = MARGIN * radian_at(dataset, model, joint)
+    return float(positions.min()) >= low - margin and float(positions.max()) <= high + margin
+
+
+def _find_exchanged(dataset: Dataset, model: mujoco.MjModel, joint: str) -> str | None:
+    """Return the joint with which one that leaves its range may be exchanged.
+
+    Both leave their ranges as they are read, and neither does with the positions of the other. Gravity cannot tell:
+    with the friction and the steps of a real arm, loads that are exchanged fit hardly worse than the right ones.
+    """
+    others = [
+        other
+        for other in dataset.joints
+        if other != joint
+        and (other in dataset.slides) == (joint in dataset.slides)
+        and not _fits(dataset, model, other, other)
+        and _fits(dataset, model, joint, other)
+        and _fits(dataset, model, other, joint)
+    ]
+    return others[0] if len(others) == 1 else None
 
 
 def _middle(dataset: Dataset, model: mujoco.MjModel, joint: str, middle: float | None) -> list[AuditFinding]:

@@ -176,7 +176,7 @@ def test_measured_velocities_and_a_clock_are_taken_as_they_are(log):
         ({"rate": 0}, OptionError, "control rate"),
         ({"kind": "effort"}, OptionError, "position, velocity, torque"),
         ({"commands": np.zeros((4, 60, 1))}, DatasetInvalid, "71 rows of positions and 60 of commands"),
-        ({"commands": np.zeros((3, 70, 1))}, DatasetInvalid, "4 episodes of positions and 3 of commands"),
+        ({"commands": np.zeros((3, 70, 1))}, DatasetInvalid, "positions are of 4 episodes, the commands of 3"),
         ({"positions": np.full((4, 71, 1), np.nan)}, DatasetInvalid, "in memory.* is nan in episode 0"),
     ],
 )

@@ -126,7 +126,7 @@ def test_the_episodes_before_a_lost_one_become_a_new_version(version, message, c
 def test_where_the_first_episode_is_lost_the_others_are_offered(version, capsys):
     data_of(version, 0).unlink()
     assert main(["recover", str(version)]) == 2
-    assert "11 whole episode(s) follow: add --beyond" in capsys.readouterr().err
+    assert "after it the data hold 11 whole episodes: add --beyond" in capsys.readouterr().err
     assert main(["recover", str(version), "--beyond"]) == 0
     assert same(read(Path("datasets/arm")), EPISODES.select(range(1, 12)))
 

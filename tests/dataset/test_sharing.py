@@ -183,7 +183,7 @@ def test_merging_says_what_is_doubtful(folder, capsys):
     b = original(paired.select([0]), replace(SIMULATED, source={"name": "y"}))
     assert main(["merge", str(a.root), str(b.root)]) == 0
     text = capsys.readouterr().out
-    assert "no single known source" in text and "1 episode(s) are in it more than once" in text
+    assert "no single known source" in text and "It holds 1 episode more than once" in text
 
 
 @pytest.mark.parametrize(("share", "size"), [(0.8, 8), (0.01, 1), (0.99, 9), (0.5, 5)])

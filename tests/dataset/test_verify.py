@@ -139,7 +139,7 @@ def test_late_rows_are_counted_in_a_note(tmp_path):
     times[90:] += 0.013
     found = _written(tmp_path, _clock(recorded(lengths=(200,)), times))
     assert found.problems == ()
-    assert "In episode 0 the step before row 90 is 33 ms instead of 20 ms" in found.notes[0]
+    assert "In episode 0 the step before row 90 (counted from 0) is 33 ms instead of 20 ms" in found.notes[0]
 
 
 @pytest.mark.parametrize(("delay", "late"), [(0.25, 0), (0.35, 1)])
@@ -156,7 +156,7 @@ def test_torn_transitions_are_a_problem_only_where_a_chain_was_promised(tmp_path
     dataset = recorded(lengths=(20, 30))
     dataset.columns["next.observation.state"][3, 0] += 0.5
     found = _written(tmp_path, dataset, replace(RECORDED, contiguous=contiguous))
-    assert any("In 1 frames" in text for text in (found.problems if contiguous else found.notes))
+    assert any("In 1 frame " in text for text in (found.problems if contiguous else found.notes))
     assert bool(found.problems) == contiguous
 
 

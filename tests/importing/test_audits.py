@@ -95,6 +95,16 @@ def test_time_that_stands_still_is_reported_by_row(tmp_path):
     assert stopped.error and len(stopped.rows) == 119
 
 
+@pytest.mark.parametrize(("repeats", "error"), [(2, False), (3, True)])
+def test_a_clock_that_stands_still_in_most_rows_is_refused(tmp_path, repeats, error):
+    recording = motion(rows=121)
+    rough = recording.edited(time=recording.time[np.arange(121) // repeats * repeats])
+    found = [finding for finding in findings(tmp_path, rough) if finding.check == "repeated_time"]
+    assert [finding.error for finding in found] == [error] and len(found[0].rows) == 121 - -(-121 // repeats)
+    even = '[resample]\nrate = 10.0\nmethod = "previous"'
+    assert not any(finding.error for finding in findings(tmp_path, rough, even) if finding.check == "repeated_time")
+
+
 def test_uneven_steps_are_reported_by_row_with_the_remedy(tmp_path):
     recording = motion()
     time = recording.time.copy()
@@ -315,13 +325,15 @@ def test_a_hole_in_the_time_divides_the_log(tmp_path):
     time[40:] += 3
     (finding,) = only(findings(tmp_path, recording.edited(time=time)), "time_gap")
     assert not finding.error and finding.rows == (40,)
-    assert finding.message.startswith("3.02 s are missing before row 40; the log is divided there")
+    assert finding.message.startswith("3.02 s are missing before row 40 (counted from 0); the log is divided there")
     log = write_log(tmp_path / "log.npz", columns_of(recording.edited(time=time)))
     for extra in ("", '[resample]\nrate = 50.0\nmethod = "linear"'):
         dataset = import_logs([log], load_map(write_map(tmp_path, map_text(extra=extra)))).dataset
         assert dataset.lengths.tolist() == [39, 79] and dataset.tasks == ("log:1", "log:2")
     time[119:] += 3
-    with pytest.raises(LogError, match=r"has 1 rows; at least 3 are needed; take out row 119, before which 3.02 s"):
+    with pytest.raises(
+        LogError, match=r"has 1 row; at least 3 are needed; take out row 119 \(counted from 0\), before which 3.02 s"
+    ):
         findings(tmp_path, recording.edited(time=time))
 
 

@@ -29,7 +29,7 @@ def here(tmp_path, monkeypatch) -> Path:
 def test_it_writes_a_sound_dataset_and_says_where(here, capsys):
     assert main(["import", "log.npz", "--map", "map.toml", "--name", "mine"]) == 0
     out = capsys.readouterr().out
-    assert "sample: 1 episodes, 119 transitions at 50 Hz" in out
+    assert "sample: 1 episode, 119 transitions at 50 Hz" in out
     assert "Warning jump:\n  log.npz: elbow reaches" in out
     (root,) = (here / "datasets/mine").glob("v1-*")
     assert f"The dataset lies in datasets/mine/{root.name}" in out

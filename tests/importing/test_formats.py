@@ -24,6 +24,8 @@ from support.import_samples import (
 
 from nas_data.dataset.content import content_hash
 from nas_data.errors import LogError, MapError
+from nas_data.importing.formats import read_table
+from nas_data.importing.layout import LogLayout
 from nas_data.importing.map_file import load_map
 from nas_data.recorders.logs import import_logs
 
@@ -228,7 +230,7 @@ def test_text_where_a_number_is_due_is_named_by_row(tmp_path):
     lines = log.read_text().splitlines()
     lines[18] = "soon" + lines[18][lines[18].index(",") :]
     log.write_text("\n".join(lines))
-    with pytest.raises(LogError, match="column 't' holds 'soon' in row 17"):
+    with pytest.raises(LogError, match=r"column 't' holds 'soon' in row 17 \(line 19 of log.csv\)"):
         import_logs([log], sample_map(tmp_path, ".csv"))
 
 
@@ -246,10 +248,10 @@ def test_numbers_that_turn_fractional_late_are_not_guessed_from_the_first_rows(t
 @pytest.mark.parametrize(
     ("cell", "message"),
     [
-        ('"[0.1]"', "in row 4; a JSON list of 2 numbers"),
-        ('"[0.1, two]"', "in row 4; a JSON list of 2"),
-        ('"[0.1, {}]"', "in row 4; a JSON list of 2"),
-        ("", "'q' is empty in row 4"),
+        ('"[0.1]"', r"in row 4 \(line 6 of log.csv\); a JSON list of 2 numbers"),
+        ('"[0.1, two]"', r"in row 4 \(line 6 of log.csv\); a JSON list of 2"),
+        ('"[0.1, {}]"', r"in row 4 \(line 6 of log.csv\); a JSON list of 2"),
+        ("", r"'q' is empty in row 4 \(line 6 of log.csv\)"),
     ],
 )
 def test_a_ragged_vector_cell_is_named_by_row(tmp_path, cell, message):
@@ -273,7 +275,7 @@ def test_ragged_lists_are_named_by_row(tmp_path, suffix):
         )
     else:
         pa.parquet.write_table(pa.table(columns), log)
-    with pytest.raises(LogError, match="'q' holds 2 numbers in row 0 and 3 in row 9"):
+    with pytest.raises(LogError, match=r"'q' holds 2 numbers in the first row and 3 in row 9 \(counted from 0\)"):
         import_logs([log], sample_map(tmp_path, suffix))
 
 
@@ -376,15 +378,53 @@ def test_another_delimiter_and_decimal_commas_are_named(tmp_path):
     cells = [line.split(",")[:2] for line in log.read_text().splitlines()]
     log.write_text("\n".join(";".join(line) for line in cells))
     with pytest.raises(
-        LogError, match=r"log.csv separates its columns by ';', but the map by ','; say delimiter = ';'"
+        LogError,
+        match=r"log.csv separates its columns by ';', but the map by ','; say delimiter = ';' at the top",
     ):
         import_logs([log], sample_map(tmp_path, ".csv"))
     log.write_text("\n".join(";".join(line).replace(".", ",") for line in cells))
     with pytest.raises(LogError, match="say delimiter = ';'"):
         import_logs([log], sample_map(tmp_path, ".csv"))
     text = map_text(".csv", top='delimiter = ";"', time="uniform = true", position='columns=["q0", "q1"]\nunit="rad"')
-    with pytest.raises(LogError, match="in row 0, no number; write numbers with a decimal point"):
+    with pytest.raises(LogError, match=r"in row 0 \(line 2 of log.csv\), no number; if it is one, say decimal = ','"):
         import_logs([log], load_map(write_map(tmp_path, text)))
+
+
+GERMAN = "delimiter = ';'\ndecimal = ','\nconstants = ['load']\ntask = 'carries {load} kg'"
+
+
+@pytest.mark.parametrize("clock", ["s", "datetime"])
+def test_numbers_times_and_constants_may_have_a_decimal_comma(tmp_path, clock):
+    truth = motion()
+    times = [f"2024-05-01 12:00:{time:06.3f}" if clock == "datetime" else repr(time) for time in truth.time.tolist()]
+    numbers = np.hstack([truth.position, truth.command]).tolist()
+    cells = [[time, *map(repr, row)] for time, row in zip(times, numbers, strict=True)]
+    lines = ["t;q1;q2;c1;c2;load", *(";".join(row).replace(".", ",") + ";0,25" for row in cells)]
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    text = map_text(".csv", top=GERMAN, time=f'column = "t"\nunit = "{clock}"', velocity='"derive"',
+                    position='columns = ["q1", "q2"]\nunit = "rad"', command='columns = ["c1", "c2"]\nunit = "rad"',
+                    register='columns = ["q1", "q2"]\nunit = "rad/s"')  # fmt: skip
+    dataset = import_logs([tmp_path / "log.csv"], load_map(write_map(tmp_path, text))).dataset
+    np.testing.assert_allclose(dataset.states[:, :2], truth.position[:-1], atol=1e-6)
+    np.testing.assert_allclose(dataset.columns["nas.time"][:, 0], truth.time[:-1], atol=1e-3)
+    assert set(dataset.tasks) == {"carries 0.25 kg"}
+
+
+def test_spaces_around_numbers_are_no_part_of_them(tmp_path):
+    (tmp_path / "log.csv").write_text("t, q, n\n0 , 0.5, 1_5\n 1, 1.5 , 2\n")
+    table = read_table(tmp_path / "log.csv", LogLayout("csv"))
+    assert table.ticks("t", "s").tolist() == [0, 1]
+    assert table.numbers("q").tolist() == [[0.5], [1.5]]
+    with pytest.raises(LogError, match="holds ' 1_5' in row 0"):
+        table.numbers("n")
+
+
+def test_a_point_between_thousands_is_not_taken_for_a_decimal_one(tmp_path):
+    (tmp_path / "log.csv").write_text("t;q\n0,5;1.000\n")
+    table = read_table(tmp_path / "log.csv", LogLayout("csv", delimiter=";", decimal=","))
+    assert table.numbers("t").tolist() == [[0.5]]
+    with pytest.raises(LogError, match=r"holds '1.000' in row 0 .* say decimal = '.'"):
+        table.numbers("q")
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])

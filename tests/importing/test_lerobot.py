@@ -181,10 +181,11 @@ CLOCKS = {
     "slow": lambda k: k * 0.04,
     "hole": lambda k: k * 0.02 + (k >= 40) * 1.0,
     "back": lambda k: k * 0.02 - (k == 30) * 0.1,
+    "coarse": lambda k: k // 3 * 0.06,
 }
 
 
-@pytest.mark.parametrize(("clock", "command"), zip(CLOCKS, ("gap find", "pair", "train forward"), strict=True))
+@pytest.mark.parametrize(("clock", "command"), zip(CLOCKS, ("gap find", "pair", "train forward", "pair"), strict=True))
 def test_a_clock_that_denies_the_rate_is_refused_and_every_remedy_works(here, capsys, clock, command):
     stamp(write_lerobot(here / "d", motions()), CLOCKS[clock])
     model = [] if command == "train forward" else ["--model", "arm.xml"]
@@ -209,7 +210,7 @@ def test_a_clock_that_only_jitters_is_a_warning_and_kept(here, capsys):
     stamp(write_lerobot(here / "d", motions()), lambda k: k * 0.02 + (k % 3) * 0.006)
     assert main(["pair", "d", "--model", "arm.xml", "--out", "p"]) == 0
     assert (
-        "warning: in episode 0 the step before rows 3, 6, 9, 12, 15 and 14 more places is 8 ms instead"
+        "warning: in episode 0 the step before rows 3, 6, 9, 12, 15 and 14 more places (counted from 0) is 8 ms instead"
         in capsys.readouterr().err
     )
     assert main(["info", "d"]) == 0

@@ -54,6 +54,8 @@ def test_a_file_that_is_no_toml_is_refused(tmp_path):
         load_map(tmp_path)
 
 
+POSITION = 'column = "q"\n'
+ELBOW = f'{POSITION}unit = "rad"\n[read.position.joints.elbow]\n'
 WRONG = {
     "unknown key": (
         map_text() + "[audit]\nspeed = 3",
@@ -91,6 +93,7 @@ WRONG = {
         r"'velocity' is 'measured' but there is no \[read.velocity\]",
     ),
     "time unit": (map_text(time='column = "t"\nunit = "min"'), "'unit' is 'min'; choose one of: s, ms, us, ns"),
+    "clock or none": (map_text(time='column = "t"\nuniform = true'), r"\[read.time\]: .*leave out 'column' and 'unit'"),
     "position unit": (
         map_text(position='column = "q"\nunit = "inch"'),
         "choose one of: rad, deg, turn, m, cm, mm, tic",
@@ -104,7 +107,7 @@ WRONG = {
     "sign": (map_text(position='column = "q"\nunit = "rad"\nsign = 2'), "'sign' is 2; it must be 1 or -1"),
     "list too short": (
         map_text(position='column = "q"\nunit = "rad"\noffset = [0.1]'),
-        "'offset' has 1 numbers; 2 are needed",
+        "'offset' has 1 number; 2 are needed",
     ),
     "list of texts": (
         map_text(position='column = "q"\nunit = "rad"\noffset = ["0.1", "0.2"]'),
@@ -123,15 +126,42 @@ WRONG = {
     ),
     "key of another unit": (
         map_text(position='column = "q"\nunit = "rad"\nlow = 0'),
-        r"\[read.position.joints.shoulder\]: there is no key 'low'",
+        r"\[read.position\]: there is no key 'low'",
     ),
     "offset of a velocity": (map_text(register='column = "dq"\nunit = "rad/s"\noffset = 1'), "no key 'offset'"),
+    "unit of all joints": (map_text(position=POSITION + 'unit = "inch"'), r"\[read.position\]: 'unit' is 'inch'"),
+    "unit of one joint": (map_text(position=ELBOW + 'unit = "inch"'), r"\[read.position.joints.elbow\]: 'unit' is"),
+    "units in a list": (
+        map_text(position=POSITION + 'unit = ["rad", "deg"]'),
+        r"\[read.position\]: 'unit' is a list, .* in \[read.position.joints.JOINT\]",
+    ),
+    "a sign of a list": (
+        map_text(position=POSITION + 'unit = "rad"\nsign = [1, 3]'),
+        r"\[read.position\]: 'sign' is 3",
+    ),
+    "a sign of one joint": (map_text(position=ELBOW + "sign = 3"), r"\[read.position.joints.elbow\]: 'sign' is 3"),
+    "scale for one joint": (
+        map_text(position=ELBOW + 'unit = "ticks"\nzero = 3'),
+        r"\[read.position.joints.elbow\]: the key 'scale' is missing",
+    ),
+    "scale for all joints": (
+        map_text(position='column = "q"\nunit = "ticks"\nzero = 3\n[read.position.joints.elbow]\nsign = -1'),
+        r"\[read.position\]: the key 'scale' is missing",
+    ),
+    "key of one joint": (
+        map_text(position=ELBOW + "skale = 3"),
+        r"\[read.position.joints.elbow\]: there is no key 'skale'",
+    ),
+    "one slide in rad": (
+        map_text(top='slides = ["elbow"]', position=ELBOW + 'unit = "deg"'),
+        r"its unit in \[read.position.joints.elbow\] is 'deg'",
+    ),
     "unknown joint": (
         map_text(position='column = "q"\nunit = "rad"\n[read.position.joints.wrist]\nsign = -1'),
         "there is no key 'wrist' here; the keys are: elbow, shoulder",
     ),
     "two places": (map_text(position='column = "q"\ncolumns = ["a", "b"]\nunit = "rad"'), "exactly one of 'column' or"),
-    "too few columns": (map_text(position='columns = ["a"]\nunit = "rad"'), "names 1 columns; 2 are needed"),
+    "too few columns": (map_text(position='columns = ["a"]\nunit = "rad"'), "names 1 column; 2 are needed"),
     "components": (map_text(position='column = "q"\ncomponents = [0]\nunit = "rad"'), "'components' picks 2"),
     "negative component": (map_text(position='column = "q"\ncomponents = [0, -1]\nunit = "rad"'), "whole numbers"),
     "encoding": (map_text(position='column = "q"\nunit = "rad"\nencoding = "int12"'), "'encoding' is 'int12'"),
@@ -284,7 +314,7 @@ def test_unsigned_registers_are_decoded_and_impossible_counts_refused(tmp_path):
     signal = '[signals.load]\ncolumn = "load"\nencoding = "int16"\nscale = 0.5\nunit = "duty"'
     dataset = import_load(tmp_path, counts, signal).dataset
     assert dataset.columns["nas.load"][:3].tolist() == [[0, 0.5], [442.5, -442.5], [16383.5, -16384]]
-    with pytest.raises(LogError, match="'load' in row 7 is not within 0 … 65535"):
+    with pytest.raises(LogError, match=r"'load' in row 7 \(counted from 0\) is not within 0 … 65535"):
         counts[7] = -3
         import_load(tmp_path, counts, signal)
 

@@ -58,7 +58,9 @@ def test_a_row_that_lacks_a_joint_is_named_in_a_short_sentence(tmp_path):
     columns = ordered(NAMED["same"])
     columns["names"][70, 1] = "knee"
     text = plain_map(".npz").replace("robot =", 'joint_names = "names"\nrobot =', 1)
-    with pytest.raises(LogError, match="row 70 lacks the joint 'elbow'; it has shoulder, knee") as raised:
+    with pytest.raises(
+        LogError, match=r"row 70 \(counted from 0\) lacks the joint 'elbow'; it has shoulder, knee"
+    ) as raised:
         imported(tmp_path, write_log(tmp_path / "log.npz", columns), text)
     assert len(str(raised.value)) < 300
 

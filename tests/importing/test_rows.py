@@ -3,15 +3,19 @@
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.import_samples import RATE, columns_of, map_text, motion, sample_map, write_log, write_map
 
 from nas_data.dataset.recording import Recording
-from nas_data.dataset.rows import rows_text, spans
+from nas_data.dataset.rows import TextLines, rows_text, spans
 from nas_data.errors import LogError, MapError
+from nas_data.importing.formats import read_table
 from nas_data.importing.joining import match_rows
+from nas_data.importing.layout import LogLayout
 from nas_data.importing.map import Resample
 from nas_data.importing.map_file import load_map
 from nas_data.importing.resampling import resample
@@ -80,7 +84,9 @@ def test_rows_without_partner_in_the_middle_are_refused(tmp_path):
     log = two_files(tmp_path)
     lines = (log / "control.csv").read_text().splitlines()
     (log / "control.csv").write_text("\n".join(lines[:40] + lines[43:]))
-    with pytest.raises(LogError, match=r"control.csv has nothing within 0.01 s of rows 39–41"):
+    with pytest.raises(
+        LogError, match=r"control.csv has nothing within 0.01 s of rows 39–41 \(lines 41–43 of state.csv\)"
+    ):
         import_logs([log], load_map(two_file_map(tmp_path)))
 
 
@@ -90,7 +96,9 @@ def test_files_of_other_times_are_refused(tmp_path):
 
 
 def test_a_second_file_whose_time_goes_back_or_that_is_empty_is_refused(tmp_path):
-    with pytest.raises(LogError, match=r"control.csv: the time goes back or is no number in rows 1–119"):
+    with pytest.raises(
+        LogError, match=r"control.csv: the time goes back or is no number in rows 1–119 \(lines 3–121 of control.csv\)"
+    ):
         import_logs([two_files(tmp_path, slice(None, None, -1))], load_map(two_file_map(tmp_path)))
     with pytest.raises(LogError, match=r"control.csv holds no rows"):
         import_logs([two_files(tmp_path, slice(0, 0))], load_map(two_file_map(tmp_path)))
@@ -208,7 +216,7 @@ def test_resampling_to_the_recorded_times_changes_nothing(tmp_path):
 
 def test_resampling_a_log_of_a_moment_is_refused(tmp_path):
     log = write_log(tmp_path / "log.npz", {key: values[:4] for key, values in columns_of(motion()).items()})
-    with pytest.raises(LogError, match=r"log.npz has 1 rows after resampling"):
+    with pytest.raises(LogError, match=r"log.npz has 1 row after resampling"):
         import_logs([log], sample_map(tmp_path, ".npz", '[resample]\nrate = 10\nmethod = "linear"'))
 
 
@@ -248,7 +256,55 @@ def test_errors_refuse_the_import_and_name_log_rows_and_remedy(tmp_path):
     bad = write_log(tmp_path / "bad.npz", columns_of(broken))
     worse = write_log(tmp_path / "worse.npz", columns_of(broken))
     mapping = load_map(write_map(tmp_path))
-    with pytest.raises(LogError, match=r"bad.npz: the position is empty, NaN or infinite in row 17; take these rows"):
+    with pytest.raises(
+        LogError, match=r"bad.npz: the position is empty, NaN or infinite in row 17 \(counted from 0\); take these rows"
+    ):
         import_logs([good, bad], mapping)
     with pytest.raises(LogError, match=r"And 1 more like this \(in .*worse.npz\)"):
         import_logs([good, bad, worse], mapping)
+
+
+LINES = {
+    "plain": ("t,q\n{}\n{}\n{}\n", 4),
+    "empty lines": ("\n\nt,q\n\n{}\n{}\n\n{}\n", 8),
+    "Windows": ("t,q\r\n\r\n{}\r\n{}\r\n{}\r\n", 5),
+    "byte order mark": ("\ufefft,q\n{}\n{}\n{}", 4),
+}
+
+
+@pytest.mark.parametrize("kind", LINES)
+def test_a_row_of_a_text_log_is_named_by_its_line_in_an_editor(tmp_path, kind):
+    text, line = LINES[kind]
+    log = tmp_path / "log.csv"
+    log.write_text(text.format("0,0", "1,1", "2,here"), encoding="utf-8", newline="")
+    table = read_table(log, LogLayout("csv"))
+    assert "here" in log.read_text(encoding="utf-8").splitlines()[line - 1]
+    assert table.name_rows([2]) == f"row 2 (line {line} of log.csv)"
+    with pytest.raises(LogError, match=rf"holds 'here' in row 2 \(line {line} of log.csv\)"):
+        table.numbers("q")
+
+
+def test_no_line_is_named_where_a_row_takes_several(tmp_path):
+    log = tmp_path / "log.csv"
+    log.write_text('t,q\n0,"one\ntwo"\n1,here\n')
+    assert read_table(log, LogLayout("csv")).name_rows([1]) == "row 1 (counted from 0)"
+
+
+def test_rows_in_several_places_are_named_with_their_lines(tmp_path):
+    lines = TextLines(two_files(tmp_path) / "state.csv", 120)
+    assert rows_text([3, 4, 5, 9], lines) == "rows 3–5, 9 (lines 5–7, 11 of state.csv)"
+    assert rows_text(range(0, 12, 2), lines) == (
+        "rows 0, 2, 4, 6, 8 and 1 more place (lines 2, 4, 6, 8, 10 … of state.csv)"
+    )
+    assert rows_text(range(0, 14, 2)) == "rows 0, 2, 4, 6, 8 and 2 more places (counted from 0)"
+
+
+def test_rows_keep_their_number_where_those_of_another_publisher_are_left_out(tmp_path):
+    columns = {key: values.tolist() for key, values in columns_of(motion()).items()}
+    columns["q"][17][1] = float("nan")
+    columns["names"] = [["shoulder", "elbow"]] * 120
+    for key, values in columns.items():
+        values.insert(5, ["wheel", "rudder"] if key == "names" else values[4])
+    pa.parquet.write_table(pa.table(columns), tmp_path / "log.parquet")
+    with pytest.raises(LogError, match=r"the position is empty, NaN or infinite in row 18 \(counted from 0\)"):
+        import_logs([tmp_path / "log.parquet"], sample_map(tmp_path, ".parquet", top='joint_names = "names"'))

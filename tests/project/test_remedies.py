@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +20,9 @@ from support.bag_samples import MAP as BAG_MAP
 from support.bag_samples import write_json_mcap, write_rosbag
 from support.dataset_samples import recorded
 from support.import_samples import columns_of, map_text, motion, write_log, write_map
-from support.lerobot_samples import ARM
+from support.lerobot_samples import ARM, motions
 
+import nas_data as nas
 from nas_data.cli import main
 from nas_data.dataset import layout
 from nas_data.dataset.dataset import Dataset
@@ -29,6 +30,8 @@ from nas_data.dataset.features import ACTION, STATE, position_feature
 from nas_data.dataset.provenance import Provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.write import write
+from nas_data.errors import DatasetInvalid
+from nas_data.gap.problem import Problem
 
 OFFLINE = {**os.environ, "HF_HUB_OFFLINE": "1"}
 
@@ -96,6 +99,10 @@ def german(text: str) -> str:
     return text.replace(",", ";").replace(".", ",")
 
 
+def quoted(text: str) -> str:
+    return "\n".join(",".join(f'"{cell.replace(".", ",")}"' for cell in line.split(",")) for line in text.splitlines())
+
+
 def swapped_rows(values: np.ndarray) -> np.ndarray:
     return np.concatenate([values[:50], values[51:52], values[50:51], values[52:]])
 
@@ -112,6 +119,7 @@ DEGREES = {
 }  # fmt: skip
 in_degrees = log(q=np.degrees, dq=np.degrees, goal=np.degrees)
 slow = log(t=lambda time: time * 2, dq=lambda values: values / 2)
+coarse = log(t=lambda time: np.floor(time * 20 + 1e-9) / 20)
 wide = log(q=lambda values: np.hstack([values, values[:, :1]]))
 encoded = {"register": 'column = "dq"\nunit = "rad/s"\nencoding = "int16"'}
 turns = log(q=forty, dq=forty, goal=forty)
@@ -119,12 +127,21 @@ TURNED = 'column = "dq"\nunit = "rad/s"\nsign = -1'
 IN_DEGREES = 'column = "dq"\nunit = "deg/s"'
 PICKED = 'column = "q"\nunit = "rad"\ncomponents = [0, 1]'
 SEMICOLON = 'delimiter = ";"'
+COMMA = 'decimal = ","'
+GERMAN = f"{SEMICOLON}\n{COMMA}"
 ALLOWED = '[audit]\nallow = ["unit_slip"]'
 FAST = "[audit]\nmax_speed = 1e3\n"
 FAULTS = {
     "rate": Fault("correct 'rate'", slow, map_text(), map_text(rate="25.0")),
     "resample": Fault(
         "or add [resample]", slow, map_text(), map_text(extra='[resample]\nrate = 25.0\nmethod = "linear"')
+    ),
+    "coarse clock": Fault("say uniform = true in [read.time]", coarse, map_text(), map_text(time="uniform = true")),
+    "readings written several times": Fault(
+        "written several times, add [resample]",
+        coarse,
+        map_text(),
+        map_text(extra='[resample]\nrate = 20.0\nmethod = "linear"'),
     ),
     "degrees": Fault("say so: unit in [read.position]", in_degrees, map_text(), map_text(**DEGREES)),
     "turns": Fault(
@@ -147,8 +164,15 @@ FAULTS = {
     "delimiter": Fault(
         "say delimiter = ';'", text_log(lambda text: text.replace(",", ";")), csv_map(), csv_map(top=SEMICOLON)
     ),
-    "comma": Fault(
-        "write numbers with a decimal point", text_log(german), csv_map(top=SEMICOLON), csv_map(), text_log(str)
+    "comma": Fault("say decimal = ','", text_log(german), csv_map(top=SEMICOLON), csv_map(top=GERMAN)),
+    "quoted comma": Fault("say decimal = ','", text_log(quoted), csv_map(), csv_map(top=COMMA)),
+    "point": Fault("say decimal = '.'", text_log(str), csv_map(top=COMMA), csv_map()),
+    "unquoted comma": Fault(
+        "write numbers with a decimal point",
+        text_log(lambda text: text.replace(".", ",")),
+        csv_map(top=COMMA),
+        csv_map(),
+        text_log(str),
     ),
     "utf-16": Fault("save it in that encoding", text_log(str, "utf-16"), csv_map(), csv_map(), text_log(str)),
     "twice": Fault(
@@ -207,14 +231,74 @@ def test_the_tolerance_and_the_method_of_a_join_can_be_changed_as_is_said(here, 
     assert joined("nearest", 0.05) == 0 and joined("previous", 0.07) == 0
 
 
+def test_a_joint_that_the_model_lacks_is_named_as_in_the_model(here, capsys):
+    write_log(here / "log.npz", columns_of(motion()))
+    write_map(here)
+    said = refused(capsys, "import", "log.npz", "--map", "map.toml", "--model", "arm.xml", "--out", "never")
+    assert "arm.xml has no joint 'shoulder'; it has: j1, j2. Name the joints in 'joints' of the map" in said
+    assert not (here / "never").exists()
+    write_map(here, map_text(joints='["j1", "j2"]'))
+    assert main(["import", "log.npz", "--map", "map.toml", "--model", "arm.xml", "--out", "done"]) == 0
+
+
+def test_two_joints_that_the_map_takes_for_one_another_are_told_by_the_models_limits(here, capsys):
+    """Positions and commands are exchanged alike, so that they agree with each other."""
+    ends = ARM.replace('range="-2 2"', 'range="0.4 2"', 1).replace('range="-2 2"', 'range="-1 0.3"', 1)
+    Path("ends.xml").write_text(ends)
+    columns = columns_of(motion())
+    right = {"q": columns["q"] * [0.6, 0.5] + [1.2, -0.4], "goal": columns["goal"] * [0.6, 0.5] + [1.2, -0.4]}
+    picked = 'components = {}\nunit = "rad"'
+    for name, order in (("right", [0, 1]), ("exchanged", [1, 0])):
+        changes = {"position": f'column = "q"\n{picked}', "command": f'column = "goal"\n{picked}'}
+        text = map_text(joints='["j1", "j2"]', velocity='"derive"', **{k: v.format(order) for k, v in changes.items()})
+        write_map(here, text.replace('[read.velocity]\ncolumn = "dq"\nunit = "rad/s"\n', ""))
+        write_log(here / "log.npz", {"t": columns["t"], **right})
+        assert main(["import", "log.npz", "--map", "map.toml", "--model", "ends.xml", "--out", name]) == 0
+        said = capsys.readouterr().out
+        assert ("or whether the map takes j1 and j2 for one another" in said) is (name == "exchanged"), said
+        assert ("model_limits" in said) is (name == "exchanged"), said
+
+
+ANSWERS = {"late": ("action_follows_state", 1, "state_follows_action"),
+           "early": ("state_follows_action", 0, "action_follows_state")}  # fmt: skip
+
+
+@pytest.mark.parametrize("look", ANSWERS)
+def test_commands_that_look_shifted_by_a_row_are_put_right_by_the_alignment_that_is_named(here, capsys, look):
+    wrong, later, right = ANSWERS[look]
+    rng = np.random.default_rng(0)
+    motions_of_arm = [(states[: len(states) - later], np.roll(commands, later, axis=0)[: len(states) - later])
+                      for states, commands in motions(6, 80)]  # fmt: skip
+    for number, (states, commands) in enumerate(motions_of_arm):
+        states = states + rng.normal(0, 1e-4, states.shape)
+        write_log(here / f"log{number}.npz", {"t": np.arange(len(states)) / 50, "q": states, "goal": commands})
+
+    def find_shift(alignment: str) -> dict[str, object]:
+        text = map_text(joints='["j1", "j2"]', alignment=f'"{alignment}"', velocity='"derive"')
+        write_map(here, text.replace('[read.velocity]\ncolumn = "dq"\nunit = "rad/s"\n', ""))
+        assert main(["import", *map(str, sorted(here.glob("*.npz"))), "--map", "map.toml", "--out", alignment]) == 0
+        capsys.readouterr()
+        assert main(["gap", "find", alignment, "--model", "arm.xml", "--json"]) == 0
+        audit = json.loads(capsys.readouterr().out)["audit"]
+        return next(entry for entry in audit if entry["check"] == "command shift")
+
+    found = find_shift(wrong)
+    assert not found["ok"] and f"Commands look 1 row (20 ms) {look}" in found["finding"], found
+    assert f"'{right}'" in found["finding"] and "alignment = " in found["finding"]
+    assert find_shift(right)["ok"]
+
+
 # Datasets
+
+
+def simulated_positions(rows: int, fps: float = 50.0) -> np.ndarray:
+    """Sines of two joints [rad], shape (rows, 2)."""
+    return (0.5 * np.sin(np.arange(rows)[:, None] / fps * [2.0, 3.0])).astype(np.float32)
 
 
 def simulated(root: Path, lengths: tuple[int, ...] = (200,), fps: float = 50.0) -> Path:
     """A dataset of the two-joint arm in radians, positions only, as LeRobot's users have it."""
-    total = sum(lengths)
-    time = np.arange(total)[:, None] / fps
-    positions = (0.5 * np.sin(time * [2.0, 3.0])).astype(np.float32)
+    positions = simulated_positions(sum(lengths), fps)
     features = {key: position_feature(("j1", "j2")) for key in (STATE, ACTION)}
     dataset = Dataset(
         features, {STATE: positions, ACTION: positions + np.float32(0.01)}, np.array(lengths), fps, "arm2"
@@ -235,6 +319,35 @@ def refused(capsys, *arguments: str) -> str:
     assert main(list(arguments)) != 0
     captured = capsys.readouterr()
     return (captured.err + captured.out).strip()
+
+
+def test_a_dataset_in_memory_is_put_right_in_python(here):
+    """Its remedies name no folder, even where it was read from one and changed since."""
+    positions = simulated_positions(200)
+    one = nas.Dataset.from_arrays(positions, positions + 0.01, rate=50, joints=("j1", "j2"))
+    changed = nas.Dataset.load(simulated(here / "two", (100, 100))).select([0])
+    for dataset in (one, changed):
+        with pytest.raises(DatasetInvalid) as raised:
+            nas.identify(dataset, "arm.xml")
+        assert "nas split" not in str(raised.value) and str(raised.value).startswith("The dataset has 1 episode")
+        assert "a list of arrays, one an episode: numpy.array_split(positions, 2)" in str(raised.value)
+        with pytest.raises(DatasetInvalid, match=re.escape('nas_data.pair(dataset, model="MODEL.xml")')):
+            nas.train_delta(dataset)
+    parts = np.array_split(positions, 2)
+    two = nas.Dataset.from_arrays(parts, [part + 0.01 for part in parts], rate=50, joints=("j1", "j2"))
+    assert Problem.of(two, "arm.xml", None).names == ("dataset", "arm.xml")
+    assert nas.pair(two, model="arm.xml").paired
+
+
+def test_columns_in_degrees_are_converted_in_python(here):
+    degrees = np.degrees(simulated_positions(60)).astype(np.float32)
+    features = {key: replace(position_feature(("j1", "j2")), units=()) for key in (STATE, ACTION)}
+    dataset = Dataset(features, {STATE: degrees, ACTION: degrees}, np.array([60]), 50.0, "arm2")
+    with pytest.raises(DatasetInvalid, match=r"numpy.radians\(states\)") as raised:
+        nas.pair(dataset, model="arm.xml")
+    assert "--map" not in str(raised.value)
+    columns = {key: np.radians(column) for key, column in dataset.columns.items()}
+    assert nas.pair(replace(dataset, columns=columns), model="arm.xml").paired
 
 
 @pytest.mark.parametrize(("rows", "seconds"), [(400, "3"), (200, "1.98"), (151, "1.5")])

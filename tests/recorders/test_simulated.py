@@ -131,7 +131,7 @@ def test_versions_of_a_name_follow_each_other(folder, capsys):
         assert main(["record", "sim", "--robot", "pendulum", "--episodes", "1", "--seconds", "1", "--seed", seed]) == 0
     versions = sorted(path.name for path in Path("datasets/pendulum_steps").iterdir() if path.name.startswith("v"))
     assert [version[:3] for version in versions] == ["v1-", "v2-"]
-    assert "Recorded 1 episodes of pendulum" in capsys.readouterr().out
+    assert "Recorded 1 episode of pendulum" in capsys.readouterr().out
 
 
 def test_a_command_file_is_played_as_it_is(folder):
@@ -160,9 +160,9 @@ def test_command_files_read_back_bit_by_bit(tmp_path_factory, rows, episodes):
     [
         ("", LogError, "no commands"),
         ("a.pos\n", LogError, "no commands"),
-        ("a.pos\nx\n", LogError, "row 2: a.pos is 'x'"),
+        ("a.pos\nx\n", LogError, "line 2: a.pos is 'x'"),
         ("a.pos\n1\n\nnan\n", LogError, "'nan'"),
-        ("a.pos\n1,2\n", LogError, "row 2 has 2 cells"),
+        ("a.pos\n1,2\n", LogError, "line 2 has 2 cells"),
         ("b.pos\n1\n", JointMismatch, "needed are a.pos"),
         ("a.pos,c.pos\n1,2\n", JointMismatch, "needed are a.pos"),
         ("a.pos,episode\n1,0\n1,1\n1,0\n", LogError, "apart"),
@@ -200,7 +200,7 @@ def test_bad_input_is_one_sentence_and_writes_nothing(folder, capsys):
     header = ",".join(f"{joint}.pos" for joint in JOINTS)
     Path("degrees.csv").write_text(f"{header}\n0,0,0,0,0,0\n0,45,0,0,0,0\n")
     message = refused(capsys, "--commands", "degrees.csv")
-    assert "row 3: m2.pos is 45" in message
+    assert "line 3: m2.pos is 45" in message
     assert "degrees" in message
     Path("endless.xml").write_text(
         """<mujoco><worldbody><body><joint name="j"/><geom size="0.05"/></body></worldbody>

@@ -51,6 +51,20 @@ def test_where_a_sign_differs_from_the_commands_no_other_cause_is_suggested(arm)
     assert check(recorded((-1, 1)), arm, known=[known]) == []
 
 
+@pytest.mark.parametrize(("offset", "told"), [((2.0, 0.0), False), ((2.0, 2.0), False), ((2.0, -2.0), True)])
+def test_an_exchange_is_suggested_only_where_it_takes_both_joints_into_their_limits(arm, offset, told):
+    limited = ARM.replace('name="shoulder"', 'name="shoulder" range="-3.4 -0.7" limited="true"').replace(
+        'name="elbow"', 'name="elbow" range="0.7 3.4" limited="true"'
+    )
+    arm.write_text(limited)
+    dataset = recorded((1, 1))
+    moved = Dataset.from_arrays(
+        dataset.states[:, :2] + offset, dataset.commands + offset, rate=RATE, joints=("shoulder", "elbow")
+    )
+    found = [finding.message for finding in check(moved, arm) if finding.check == "model_limits"]
+    assert found and any("if they were exchanged" in message for message in found) is told
+
+
 def test_gap_find_says_that_a_joint_hangs_upwards(arm):
     from nas_data.dataset.cutting import cut_every
     from nas_data.gap.finding.find import find

@@ -9,6 +9,7 @@ from nas_data.benchmarks.blind.findings import mapping
 from nas_data.benchmarks.blind.plants.base import SUFFIX
 from nas_data.benchmarks.blind.sampling import SCREEN
 from nas_data.benchmarks.blind.settings.base import find_setting
+from nas_data.count_of import count_of
 from nas_data.errors import OutputExists
 from nas_data.runs.code_hash import code_hash, gap_modules
 
@@ -41,7 +42,7 @@ def check_code(records: Mapping[Identity, Record], folder: Path) -> None:
     other = [record for identity, record in records.items() if not is_by_this_code(identity, record)]
     if other:
         raise OutputExists(
-            f"{folder} holds {len(other)} case{'s' * (len(other) > 1)} judged by other code of nas_data "
+            f"{folder} holds {count_of(len(other), 'case')} judged by other code of nas_data "
             f"({tell_commits(other)}): the search, the cases or the grading were changed since; "
             f"remove {folder} or choose another --out."
         )

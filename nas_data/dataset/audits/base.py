@@ -25,6 +25,7 @@ class Expected:
         resampled: Whether rows are resampled to even steps before use.
         derived: Whether velocities are derived from positions instead of read.
         promise: Source of the expected rate, as words for messages.
+        without_clock: How to take the rows as evenly spaced, likewise.
     """
 
     rate: float
@@ -37,6 +38,7 @@ class Expected:
     resampled: bool = False
     derived: bool = False
     promise: str = "the dataset promises"
+    without_clock: str = "say uniform = true in [read.time] in place of 'column' and 'unit'"
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@ import numpy as np
 
 from nas_data.dataset.audits.base import AuditFinding, Expected, row_numbers
 from nas_data.dataset.recording import Recording
-from nas_data.dataset.rows import rows_text
 
 
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
@@ -23,7 +22,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
         bad = ~np.isfinite(values.reshape(len(recording), -1)).all(axis=1)
         if bad.any():
             rows = row_numbers(recording.rows, bad)
-            what = f"the {name} is empty, NaN or infinite in {rows_text(rows)}"
+            what = f"the {name} is empty, NaN or infinite in {recording.name_rows(rows)}"
             remedy = "take these rows out, or split the log there"
             found.append(AuditFinding("not_finite", recording.label, what, remedy, rows, error=True))
     return found

@@ -4,7 +4,6 @@ import numpy as np
 
 from nas_data.dataset.audits.base import AuditFinding, Expected, radian_at, row_numbers
 from nas_data.dataset.recording import Recording
-from nas_data.dataset.rows import rows_text
 from nas_data.joint_units import USUAL_RANGE, unit_at
 
 FASTEST = 50.0  # [rad/s] that no usual hinge reaches; a slide is not over with its range in less than 20 ms
@@ -33,7 +32,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
             unit = unit_at("rad/s", joint in expected.slides)
             hint = "jumps of a whole turn are an encoder's wrap: unwrap it first" if wraps.any() else ""
             what = (
-                f"{joint} reaches {speeds[:, index].max():.4g} {unit} in {rows_text(rows)}, "
+                f"{joint} reaches {speeds[:, index].max():.4g} {unit} in {recording.name_rows(rows)}, "
                 f"more than {limits[index]:.4g} {unit}"
             )
             found.append(AuditFinding("jump", recording.label, what, hint, rows))

@@ -4,7 +4,6 @@ import numpy as np
 
 from nas_data.dataset.audits.base import AuditFinding, Expected, row_numbers
 from nas_data.dataset.recording import Recording
-from nas_data.dataset.rows import rows_text
 from nas_data.joint_units import joint_unit
 
 TOLERANCE = 1e-6  # [rad; m]; limits and logs are written with so many digits
@@ -32,6 +31,6 @@ def _beyond(recording: Recording, expected: Expected, index: int, what: str, val
     unit = joint_unit(joint, expected.slides).si
     text = (
         f"the {what} of {joint} is up to {excess.max():.3g} {unit} beyond its limits "
-        f"{low:.4g} … {high:.4g} {unit} in {rows_text(rows)}"
+        f"{low:.4g} … {high:.4g} {unit} in {recording.name_rows(rows)}"
     )
     return [AuditFinding(f"{what}_beyond_limits", recording.label, text, rows=rows)]

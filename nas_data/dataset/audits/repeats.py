@@ -6,7 +6,7 @@ from nas_data.dataset.audits.base import AuditFinding, Expected, radian_at, row_
 from nas_data.dataset.audits.torque_off import SIGNAL as TORQUE
 from nas_data.dataset.noise import SMALLEST, quantum
 from nas_data.dataset.recording import Recording
-from nas_data.dataset.rows import rows_text, spans
+from nas_data.dataset.rows import spans
 
 MOVED = 2.5  # [quanta] a joint that moves this far a row cannot give the same reading twice …
 FASTER = 0.2  # … nor one that moves this share of its largest moves, where resampling has blurred the quanta
@@ -29,7 +29,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     found = []
     if rows:
         what = (
-            f"the reading before is repeated in {rows_text(rows)} although the joint moves: "
+            f"the reading before is repeated in {recording.name_rows(rows)} although the joint moves: "
             f"{_pattern(stale, expected.rate)}"
         )
         minor = len(rows) <= TOLERATED * np.count_nonzero(moving)
@@ -40,7 +40,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
         longest = max(last - first + 1 for first, last in spans(np.flatnonzero(held)))
         what = (
             f"the reading stays the same for up to {longest / expected.rate:.2g} s while the command moves, in "
-            f"{rows_text(rows)}: a joint that sticks, or stale readings; the log alone cannot tell"
+            f"{recording.name_rows(rows)}: a joint that sticks, or stale readings; the log alone cannot tell"
         )
         found.append(AuditFinding("repeated_samples", recording.label, what, rows=rows, minor=True))
     return found if expected.effort else found + _stuck(recording, expected, held)
@@ -119,8 +119,8 @@ def _stuck(recording: Recording, expected: Expected, said: np.ndarray) -> list[A
         rows = row_numbers(recording.rows, stuck)
         if rows:
             what = (
-                f"the reading of {joint} stands still in {rows_text(rows)} while its command moves: a servo that is "
-                "blocked or released, or readings that are not fresh"
+                f"the reading of {joint} stands still in {recording.name_rows(rows)} while its command moves: a "
+                "servo that is blocked or released, or readings that are not fresh"
             )
             found.append(AuditFinding("frozen_reading", recording.label, what, rows=rows))
     return found

@@ -4,7 +4,6 @@ import numpy as np
 
 from nas_data.dataset.audits.base import AuditFinding, Expected, row_numbers
 from nas_data.dataset.recording import Recording
-from nas_data.dataset.rows import rows_text
 
 RATE_NOTED = 0.005  # relative deviation of the rate that is reported …
 RATE_REFUSED = 0.05  # … and that is refused where rows stay as recorded
@@ -13,6 +12,7 @@ GAP = 2.0  # [periods] step that resampling cannot honestly fill
 MISSING = 10.0  # [periods] fewer missing rows may be jitter or a busy computer …
 SECONDS = 0.2  # … [s] and shorter holes too little motion to lose, also at high rates
 TOLERATED = 0.01  # share of uneven steps that no fit notices
+MOST_REPEATED = 0.5  # share of repeated times above which the clock does not tell when a row was measured
 STEP_ROUNDING = 1e-3  # share of a period that stamps with few digits round off
 
 
@@ -23,7 +23,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     steps = np.diff(recording.time)
     back = row_numbers(recording.rows[1:], steps < 0)
     if back:
-        what = f"the time goes back in {rows_text(back)}"
+        what = f"the time goes back in {recording.name_rows(back)}"
         remedy = (
             "if a new take begins there, name the column that numbers them in [read.episode], or give each take a file "
             "of its own; if rows are out of order within a take, sort them"
@@ -34,9 +34,16 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     if len(repeated) == len(steps):
         what, remedy = "the time is the same in all rows", "name the time column in [read.time]"
         return [AuditFinding("repeated_time", recording.label, what, remedy, repeated, error=True)]
+    if len(repeated) > MOST_REPEATED * len(steps) and not expected.resampled:
+        what = f"most rows repeat the time of the row before: {recording.name_rows(repeated)}"
+        remedy = (
+            f"if the rows are evenly spaced and the clock is too coarse, {expected.without_clock}; if each reading was "
+            "written several times, add [resample] with the rate of the readings"
+        )
+        return [AuditFinding("repeated_time", recording.label, what, remedy, repeated, error=True)]
     if repeated:
         kept = "resampling takes the last of them" if expected.resampled else "they are kept as rows of their own"
-        what = f"the time does not go on in {rows_text(repeated)}: {kept}"
+        what = f"the time does not go on in {recording.name_rows(repeated)}: {kept}"
         found.append(AuditFinding("repeated_time", recording.label, what, rows=repeated))
     return _divided(recording) + found + _rate(recording, steps, expected) + _steps(recording, steps, expected)
 
@@ -52,8 +59,8 @@ def _divided(recording: Recording) -> list[AuditFinding]:
         return []
     row = (int(recording.rows[0]),)
     what = (
-        f"{recording.gap:.3g} s are missing before {rows_text(row)}; the log is divided there into two episodes, "
-        "because nothing was measured in between"
+        f"{recording.gap:.3g} s are missing before {recording.name_rows(row)}; the log is divided there into two "
+        "episodes, because nothing was measured in between"
     )
     return [AuditFinding("time_gap", recording.label, what, rows=row)]
 
@@ -85,21 +92,23 @@ def _steps(recording: Recording, steps: np.ndarray, expected: Expected) -> list[
         gaps = row_numbers(recording.rows[1:], periods > GAP)
         if not gaps:
             return []
-        what = f"up to {steps.max() * 1e3:.3g} ms pass before {rows_text(gaps)}"
+        what = f"up to {steps.max() * 1e3:.3g} ms pass before {recording.name_rows(gaps)}"
         remedy = "what resampling puts there was never measured"
         return [AuditFinding("time_gap", recording.label, what, remedy, gaps)]
     found = []
     holes = find_holes(steps, 1 / expected.rate) & find_holes(steps, float(np.median(steps)))
     rows = row_numbers(recording.rows[1:], holes)
     if rows:
-        what = f"{steps[holes].max():.3g} s are missing before {rows_text(rows)}, in which nothing was measured"
+        what = (
+            f"{steps[holes].max():.3g} s are missing before {recording.name_rows(rows)}, in which nothing was measured"
+        )
         found.append(AuditFinding("time_gap", recording.label, what, rows=rows, error=True))
     uneven = (np.abs(periods - 1) > expected.jitter + STEP_ROUNDING) & (steps > 0) & ~holes
     rows = row_numbers(recording.rows[1:], uneven)
     if not rows:
         return found
     what = (
-        f"the step before {rows_text(rows)} is {_milliseconds(steps[uneven])} ms "
+        f"the step before {recording.name_rows(rows)} is {_milliseconds(steps[uneven])} ms "
         f"instead of {1e3 / expected.rate:.4g} ms"
     )
     derived = ", because velocities are derived as if they were" if expected.derived else ""

@@ -2,7 +2,6 @@
 
 from nas_data.dataset.audits.base import AuditFinding, Expected, row_numbers
 from nas_data.dataset.recording import Recording
-from nas_data.dataset.rows import rows_text
 
 SIGNAL = "torque_enable"
 
@@ -14,6 +13,6 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     rows = row_numbers(recording.rows, (recording.signals[SIGNAL] == 0).any(axis=1))
     if not rows:
         return []
-    what = f"the torque is off in {rows_text(rows)}: the command does not act there"
+    what = f"the torque is off in {recording.name_rows(rows)}: the command does not act there"
     remedy = f"nas.{SIGNAL} tells these rows apart"
     return [AuditFinding("torque_off", recording.label, what, remedy, rows, minor=True)]

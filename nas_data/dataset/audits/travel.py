@@ -5,7 +5,7 @@ import numpy as np
 from nas_data.dataset.audits.base import AuditFinding, Expected, radian_at, row_numbers
 from nas_data.dataset.audits.velocity import LATEST, STEP, VelocityFit, fit_register
 from nas_data.dataset.recording import Recording
-from nas_data.dataset.rows import rows_text, spans
+from nas_data.dataset.rows import spans
 
 WHILE = 0.2  # [s]; a register's filter and a coarse encoder even out over it
 ROWS = 5  # fewer rows cannot tell a mean speed
@@ -35,8 +35,8 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
         if wrong.any():
             rows = row_numbers(recording.rows, wrong)
             what = (
-                f"the position of {joint} contradicts its velocity in {rows_text(rows)}: one of them is stale or "
-                "another joint's"
+                f"the position of {joint} contradicts its velocity in {recording.name_rows(rows)}: one of them is "
+                "stale or another joint's"
             )
             remedy = "check 'columns' in [read.position] and [read.velocity]"
             found.append(AuditFinding("position_contradicts_velocity", recording.label, what, remedy, rows))

@@ -5,7 +5,6 @@ import numpy as np
 from nas_data.dataset.audits.base import AuditFinding, Expected, row_numbers
 from nas_data.dataset.joints import LARGEST_ANGLE, LARGEST_LENGTH
 from nas_data.dataset.recording import Recording
-from nas_data.dataset.rows import rows_text
 from nas_data.joint_units import joint_unit
 
 FURTHEST = {  # by whether a joint is a slide: how far it goes at most, in words too, and what else the log may hold
@@ -31,7 +30,10 @@ def _too_large(recording: Recording, expected: Expected, what: str, values: np.n
         rows = row_numbers(recording.rows, size > most)
         if rows:
             unit = joint_unit(joint, expected.slides).si
-            text = f"the {what} of {joint} reaches {size.max():.4g} {unit} in {rows_text(rows)}, more than {told}"
+            text = (
+                f"the {what} of {joint} reaches {size.max():.4g} {unit} in {recording.name_rows(rows)}, "
+                f"more than {told}"
+            )
             remedy = (
                 f"if the log is in {units}, say so: unit in [read.{what}]; if the joint does go so far, "
                 "add allow = ['unit_slip'] to [audit]"
@@ -51,7 +53,7 @@ def _far_beyond(recording: Recording, expected: Expected) -> list[AuditFinding]:
             unit, units = joint_unit(joint, expected.slides).si, FURTHEST[joint in expected.slides][2]
             what = (
                 f"the position of {joint} is {excess.max():.3g} {unit} beyond its limits {low:.4g} … {high:.4g} {unit} "
-                f"in {rows_text(rows)}"
+                f"in {recording.name_rows(rows)}"
             )
             remedy = f"if the log is in {units}, say so: unit in [read.position]"
             found.append(AuditFinding("unit_slip", recording.label, what, remedy, rows, error=True))

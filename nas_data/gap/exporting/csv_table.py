@@ -4,6 +4,7 @@ import csv
 from collections.abc import Sequence
 from pathlib import Path
 
+from nas_data.count_of import count_of
 from nas_data.gap.exporting.identified import Quantity
 
 FILE = "parameters.csv"
@@ -25,4 +26,6 @@ def write_table(folder: Path, quantities: Sequence[Quantity]) -> tuple[Path, lis
             row = [quantity.joint or "", quantity.name, quantity.unit, *(repr(float(number)) for number in numbers)]
             writer.writerow(row + [""] * (len(HEADER) - len(row)))
     unknown = sum(quantity.interval is None for quantity in quantities)
-    return path, [f"ranges of {unknown} of {len(quantities)} numbers, which no interval is known of"] if unknown else []
+    return path, [
+        f"ranges of {unknown} of {count_of(len(quantities), 'number')}, which no interval is known of"
+    ] if unknown else []

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.gap.finding.audits.excitation import find_constant_commands, find_unmoved_joints, join_chosen
 from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.finding.significance import count_episodes_needed
@@ -80,7 +81,7 @@ def check_episodes(recorded: RecordedRows, regimes: Sequence[Bin]) -> list[str]:
         return ["There is one episode only, so nothing can be checked on another: record several, or divide it."]
     if tested and count < needed:
         return [
-            f"In which regimes the gap is larger cannot be decided beyond chance from {count} episodes; "
+            f"In which regimes the gap is larger cannot be decided beyond chance from {count_of(count, 'episode')}; "
             f"{needed} would be enough."
         ]
     return []

@@ -7,6 +7,7 @@ from itertools import product
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.effects.base import Effect, Scales, find_effect, make_effect
 from nas_data.effects.edits.servo import stiffness
 from nas_data.effects.joint_offset import JointOffset
@@ -50,7 +51,7 @@ def fit_plain(search: Search) -> Hypothesis:
         return search.null
     description = describe_plain_fit(search, joints)
     parameters = description.parameters(search.train.nominal.base)
-    count = f"{parameters.size} numbers of {len(joints)} joints"
+    count = f"{count_of(parameters.size, 'number')} of {count_of(len(joints), 'joint')}"
     search.say(f"plain fit: {count}, on windows of {SHORT_WINDOW:g} s")
     found = fit_short_windows(search, description)
     search.say(f"plain fit: {count}, on the episodes of the search")

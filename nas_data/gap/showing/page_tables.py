@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from nas_data.count_of import count_of
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_parts import Bin, EffectName, JointGap
 from nas_data.gap.showing.figures import Models
@@ -173,4 +174,4 @@ def made_from(report: GapReport) -> Facts:
 def format_episodes(numbers: Sequence[int]) -> str:
     """Return the number of episodes, and their indices if they are few."""
     which = f": {', '.join(map(str, numbers))}" if 0 < len(numbers) <= MANY else ""
-    return f"{len(numbers)} episode{'' if len(numbers) == 1 else 's'}{which}"
+    return f"{count_of(len(numbers), 'episode')}{which}"

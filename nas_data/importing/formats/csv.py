@@ -7,6 +7,8 @@ from pathlib import Path
 import pyarrow as pa
 from pyarrow import csv
 
+from nas_data.count_of import count_of
+from nas_data.dataset.rows import TextLines
 from nas_data.errors import LogError
 from nas_data.importing.layout import LogLayout
 from nas_data.importing.table import LogTable, refuse_twice
@@ -32,7 +34,8 @@ def read(path: Path, layout: LogLayout) -> LogTable:
             raise LogError(f"{path} {NOT_UTF_8}") from None
         _refuse_ragged(path, layout.delimiter)
         raise
-    return LogTable(path, {name.strip(): table.column(i).combine_chunks() for i, name in enumerate(names)})
+    columns = {name.strip(): table.column(i).combine_chunks() for i, name in enumerate(names)}
+    return LogTable(path, columns, lines=TextLines(path, len(table)), decimal=layout.decimal)
 
 
 def _check_start(path: Path, delimiter: str) -> None:
@@ -54,7 +57,7 @@ def _check_start(path: Path, delimiter: str) -> None:
         raise LogError(
             f"{path} separates its columns by {DELIMITERS[other]}, "
             f"but the map by {DELIMITERS.get(delimiter, repr(delimiter))}; "
-            f"say delimiter = {DELIMITERS[other]} in the map."
+            f"say delimiter = {DELIMITERS[other]} at the top of the map."
         )
 
 
@@ -76,7 +79,7 @@ def _refuse_ragged(path: Path, delimiter: str) -> None:
         csv.read_csv(path, read_options=csv.ReadOptions(use_threads=False), parse_options=parsing)
     if bad:
         raise LogError(
-            f"{path}: line {bad[0].number} has {bad[0].actual_columns} cells, "
+            f"{path}: line {bad[0].number} has {count_of(bad[0].actual_columns, 'cell')}, "
             f"but the header {bad[0].expected_columns}; the line is damaged or cut off: "
             "repair it or take it out, and write numbers with a decimal point."
         )

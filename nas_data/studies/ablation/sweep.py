@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from filelock import FileLock, Timeout
 
+from nas_data.count_of import count_of
 from nas_data.errors import OutputExists
 from nas_data.models.presets import TrainingOptions
 from nas_data.runs.progress import spoken
@@ -165,9 +166,13 @@ class SweepProgress:
     def begin(self, failed: int) -> str:
         """Return the number of trials to run as text."""
         before = self.total - len(self.waiting)
-        known = f"{before} of {self.total} trials were done before" if before else f"{self.total} trials"
+        known = (
+            f"{before} of {count_of(self.total, 'trial')} were done before"
+            if before
+            else f"{count_of(self.total, 'trial')}"
+        )
         again = f" ({failed} of them failed; --retry does them again)" if failed else ""
-        return f"{known}{again}; {len(self.waiting)} to do with {self.workers} worker{'s' * (self.workers > 1)}"
+        return f"{known}{again}; {len(self.waiting)} to do with {count_of(self.workers, 'worker')}"
 
     def describe(self, config: Config, result: TrialResult) -> str:
         """Return a trial's result, the number of finished trials, and the remaining time as text."""

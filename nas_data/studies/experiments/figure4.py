@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.reports.experiment_figures import warn
 from nas_data.reports.prediction_figures import growth
 from nas_data.reports.style import to_png
@@ -40,9 +41,9 @@ def about(found: Sequence, environment: str) -> str:
     hold, steps = found.material.plan.recipe.holds[0], len(found.measured[found.episode])
     return (
         f"{environment}: held-out episode {found.episode} of {steps} control steps, under the paper's protocol (random "
-        f"actions, each held for {hold} step{'s' if hold > 1 else ''}); of these the one in which the source's error "
+        f"actions, each held for {count_of(hold, 'step')}); of these the one in which the source's error "
         f"is the median. Drawn is {found.dataset.joints[found.joint]}, which the source predicts worst. "
-        f"'All held out' is the median of {found.dataset.n_episodes} episodes.{lost}"
+        f"'All held out' is the median of {count_of(found.dataset.n_episodes, 'episode')}.{lost}"
     )
 
 

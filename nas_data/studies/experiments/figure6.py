@@ -6,6 +6,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.envs.base import find_task_file
 from nas_data.errors import OptionError
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Comparison
@@ -133,7 +134,10 @@ def sweep(
             runs.append({**identity, "learning_seconds": seconds, **took})
         left = (time.monotonic() - began) / done * (len(jobs) - done)
         reached = ", ".join(f"{method} {result.score.mean_return:.2f}" for method, (result, _) in results.items())
-        told = f"{done} of {len(jobs)}: {job.count} trajectories, seed {job.seed}: return {reached}"
+        told = (
+            f"{done} of {len(jobs)}: {count_of(job.count, 'trajectory', plural='trajectories')}, seed {job.seed}: "
+            f"return {reached}"
+        )
         request.report(f"{INDENT}{told}, about {spoken(left)} left")
     return returns, runs
 
@@ -150,7 +154,8 @@ def enough(method: str, counts: tuple[int, ...], returns: np.ndarray) -> str:
     medians = np.median(returns, axis=1)
     if len(counts) == 1:
         return (
-            f"{LEARNED_ON[method]}: median return {medians[0]:.2f} with {counts[0]} trajectories; how many are enough "
+            f"{LEARNED_ON[method]}: median return {medians[0]:.2f} with "
+            f"{count_of(counts[0], 'trajectory', plural='trajectories')}; how many are enough "
             "takes several --counts."
         )
     best, count = int(np.argmax(medians)), smallest(counts, returns)

@@ -4,6 +4,7 @@ from collections.abc import Sequence as List
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.envs.base import find_task_file
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request, ResultTable
 from nas_data.studies.experiments.pipeline.authors import DIFFERENCES
@@ -26,7 +27,8 @@ def run(request: Request) -> ExperimentResult:
         for episodes, name in kinds.values():
             title = (
                 f"{environment}, {request.target_text}, {name}: mean over a trajectory of squared differences of one "
-                f"joint, angles in units of 90°; {len(episodes)} trajectories × {len(found.dataset.joints)} joints"
+                f"joint, angles in units of 90°; {count_of(len(episodes), 'trajectory', plural='trajectories')} × "
+                f"{count_of(len(found.dataset.joints), 'joint')}"
             )
             comparable = name == "the paper's protocol" and find_task_file(environment) == "ergo_shield"
             tables.append(
@@ -80,7 +82,10 @@ def cell(value: float) -> str:
 
 def describe_numbers(found: Sequence) -> list[str]:
     """Return notes on the data and on diverged trajectories."""
-    lost = [f"{name} left all bounds in {len(times)} episodes." for name, times in found.evaluation.diverged.items()]
+    lost = [
+        f"{name} left all bounds in {count_of(len(times), 'episode')}."
+        for name, times in found.evaluation.diverged.items()
+    ]
     return [
         "Every rollout starts once, at the first measured state of a trajectory that neither φ nor ψ has seen; the "
         "authors' are of the real arm and of the file that their models were trained on.",

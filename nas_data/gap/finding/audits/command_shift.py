@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.errors import ModelFileError
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding.audits.base import Examined, join_names
@@ -43,7 +44,7 @@ def select_names(examined: Examined, chosen: np.ndarray) -> str:
 
 def describe_shift(joints: str, shift: int, slip: bool, period: float) -> str:
     """Describe a shift of some joints; `slip` marks an error of the log, on which most joints agree."""
-    amount = f"{abs(shift)} row{'s' * (abs(shift) > 1)} ({abs(shift) * period * 1e3:.3g} ms)"
+    amount = f"{count_of(abs(shift), 'row')} ({abs(shift) * period * 1e3:.3g} ms)"
     if shift > SLIPS:
         return (
             f"The motion of {joints} is {amount} or more later than in the model, which is more than a log's order "
@@ -58,11 +59,14 @@ def describe_shift(joints: str, shift: int, slip: bool, period: float) -> str:
     if shift < 0:
         return (
             f"Commands look {amount} late: the motion of {joints} starts before the logged commands would make it. "
-            "No delay does that; check which command was in force when a row was measured, and the model's speed."
+            "No delay does that. If the state of a row is the answer to its command, import the log with alignment = "
+            "'state_follows_action' in the map, which moves commands up by one row; else check the model's speed."
         )
     return (
         f"Commands look {amount} early: the motion of {joints} starts later than in the model. The log may pair each "
-        "state with a command sent later, or it is real: a command_delay, or a servo slower than the model."
+        "state with a command sent later: if its map says alignment = 'state_follows_action', import it with "
+        "'action_follows_state', which moves commands down by one row. Or it is real: a command_delay, or a servo "
+        "slower than the model."
     )
 
 

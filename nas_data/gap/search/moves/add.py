@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from nas_data.count_of import count_of
 from nas_data.gap.search.fit import Fit
 from nas_data.gap.search.hypothesis import (
     PRICE,
@@ -62,7 +63,7 @@ def extend(search: Search, kept: Hypothesis, around: Fit) -> list[Hypothesis]:
     wanted = search.find_joints_above_floor(kept)
     search.say(f"  screening every effect at {', '.join(sorted(wanted)) or 'no joint'}")
     found, kept_loss = search.screen_candidates(around, kept, wanted)
-    search.say(f"  fitting the best of {len(found)} candidates")
+    search.say(f"  fitting the best of {count_of(len(found), 'candidate')}")
     chosen = shortlist(found, kept_loss.nats - MIN_GAIN, SLACK if around is search.nominal.fit else 0.0)
     chosen += [c for c in found if c not in chosen and frees_base_parameter(kept, c.effect)]
     ranked = fit_candidates(search, kept, around, chosen)

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.effects.base import Effect
 from nas_data.gap.nominal_parameters import NominalParameter, read_own_value
 from nas_data.gap.search.fit import MAX_STEP, normal_equations
@@ -38,7 +39,7 @@ def drop_one(search: Search, h: Hypothesis) -> Hypothesis:
     without none, the best is fitted to convergence first. If episodes begin in motion, it is also fitted with its own
     initial velocities.
     """
-    search.say(f"  dropping one of {len(list_parts(h))} parts, if one is not worth its price")
+    search.say(f"  dropping one of {count_of(len(list_parts(h)), 'part')}, if one is not worth its price")
     losses = estimate_losses(search, h)
     order = sorted(losses, key=lambda part: losses[part])[:MAX_REFITTED]
     doubted = [order[0], *(part for part in order[1:] if losses[part] < FAR_BEHIND)]  # estimates are inaccurate

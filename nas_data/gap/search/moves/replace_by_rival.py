@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from nas_data import registry
+from nas_data.count_of import count_of
 from nas_data.effects.base import Effect, find_effect
 from nas_data.gap.search.hypothesis import Hypothesis, effect_key
 from nas_data.gap.search.moves.drop import MANY, estimate_losses
@@ -20,7 +21,7 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
     if len(h.effects) == 1 and frozenset(map(effect_key, h.effects)) in search.clear_winners:
         return h
     numbers = select_doubted(search, h)
-    search.say(f"  letting {len(numbers)} of {len(h.effects)} effects face rivals")
+    search.say(f"  letting {len(numbers)} of {count_of(len(h.effects), 'effect')} face rivals")
     add_rivals(search, h, numbers)
     for _ in range(ROUNDS):
         found = find_better_rival(search, h, select_doubted(search, h))

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from nas_data.count_of import count_of
 from nas_data.envs.base import find_task, find_task_file
 from nas_data.errors import UnknownName
 from nas_data.models.presets import TrainingOptions, preset
@@ -138,7 +139,8 @@ class Sizes:
         return (
             f"QUICK: the shape only, not a result: {self.trajectories} recorded trajectories, networks of "
             f"{self.delta.layers} × {self.delta.hidden} units after {self.delta.updates} updates, policies of "
-            f"{self.frames:,} frames, {len(self.seeds)} seeds, {self.judged} episodes each."
+            f"{count_of(self.frames, 'frame', ',')}, {count_of(len(self.seeds), 'seed')}, "
+            f"{count_of(self.judged, 'episode')} each."
         )
 
 

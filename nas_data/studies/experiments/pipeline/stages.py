@@ -4,6 +4,7 @@ from collections.abc import Callable, Collection
 from dataclasses import replace
 from pathlib import Path
 
+from nas_data.count_of import count_of
 from nas_data.dataset import versions
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
@@ -45,7 +46,10 @@ def record(job: Job) -> StageResult:
         name: record_and_pair(recipe, source, name, job.folder, DATASETS)
         for name, recipe in ((TRAIN, plan.recipe), (HELDOUT, held))
     }
-    said = [f"{one.episodes} episodes, {one.frames:,} transitions → {job.folder / one.path}" for one in found.values()]
+    said = [
+        f"{count_of(one.episodes, 'episode')}, {count_of(one.frames, 'transition', ',')} → {job.folder / one.path}"
+        for one in found.values()
+    ]
     return StageResult(said, {name: one.describe() for name, one in found.items()})
 
 
