@@ -177,8 +177,8 @@ def test_a_place_that_cannot_be_written_is_found_before_the_work(place, here, ca
     def never(*_: object, **__: object) -> None:
         raise AssertionError("the work was begun")
 
-    for work in ("recorders.simulated.record", "recorders.logs.import_logs", "pairing.pair"):
-        monkeypatch.setattr(f"nas_data.{work}", never)
+    for work in ("recording.play_session", "importing.import_by_map", "pairing.pair_with"):
+        monkeypatch.setattr(f"nas_data.api.{work}", never)
     Path("file").write_text("")
     words = {
         "record": ("record", "sim", "--out", "file/x"),
