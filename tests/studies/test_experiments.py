@@ -293,6 +293,7 @@ def test_counts_added_to_figure6_are_subsets_of_the_same_recording(tmp_path):
     assert beyond.data["dataset"] != few.data["dataset"]  # more than the whole experiment has needs a larger one
 
 
+@pytest.mark.slow
 def test_figure6_names_from_each_subset_and_learns_on_the_names(tmp_path, monkeypatch):
     asked, alone, jobs = [], [], []
 
