@@ -159,7 +159,15 @@ def reading(angles: np.ndarray) -> np.ndarray:
     return np.round((angles + math.radians(0.05) * noise) / quantum) * quantum
 
 
-@pytest.mark.parametrize(("name", "parameter"), TYPICAL)
+@pytest.mark.parametrize(
+    ("name", "parameter"),
+    [
+        pytest.param(
+            name, parameter, marks=() if find_effect(name).parameters[0].name == parameter else pytest.mark.slow
+        )
+        for name, parameter in TYPICAL
+    ],
+)
 def test_each_parameter_is_found_again_in_a_noisy_recording(name, parameter):
     truth = TYPICAL[name, parameter]
     joints = len(find_robot(scene(name)).joints)

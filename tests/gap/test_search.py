@@ -70,6 +70,7 @@ def test_gravity_compensation_that_the_model_lacks_is_named():
     assert effect.share == pytest.approx(0.7, abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_torque_limit_that_the_plain_fit_lowers_is_named():
     """A freed limit that nothing stood for explained what was missing, unnamed."""
     limited = arm().replace('kp="0.5"', 'kp="0.5" forcerange="-0.3 0.3"')

@@ -147,7 +147,8 @@ def test_an_arm_is_not_led_into_the_floor(capsys, monkeypatch):
 
 
 def short(monkeypatch: pytest.MonkeyPatch, steps: int) -> None:
-    """Let bouts of ErgoShield last so many steps at most."""
+    """Let bouts of ErgoShield last so many steps at most, and arms hold their first poses for less long."""
+    monkeypatch.setattr("nas_data.policies.rollouts.approach.SETTLE", 0.1)
     task = replace(find_task("ErgoShield"), horizon=steps)
     monkeypatch.setattr("nas_data.commands._on_arm.find_task", lambda _: task)
 
@@ -284,9 +285,9 @@ def test_where_one_arm_fails_both_are_left_without_torque(capsys):
         assert torques(attacker.port) == torques(defender.port) == [0] * 6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    "words",
-    [pytest.param(("--lockstep",), id="in lock-step"), pytest.param((), id="in real time", marks=pytest.mark.slow)],
+    "words", [pytest.param(("--lockstep",), id="in lock-step"), pytest.param((), id="in real time")]
 )
 def test_ctrl_c_makes_the_arm_safe_and_keeps_what_is_finished(capsys, words):
     """In real time on an idle machine only: a busy one does not keep the rate, and `verify` says so."""
@@ -400,11 +401,19 @@ def test_rollouts_of_something_else_are_not_gone_on_with(capsys, monkeypatch, be
     assert read(UNDER_WAY).n_episodes == 1
 
 
+def test_what_was_saved_is_finished_without_an_arm(capsys, begun):
+    answer = evaluate(capsys, *begun, "--finish")
+    assert len(answer["returns"]) == read(Path(answer["dataset"])).n_episodes == 1
+    assert verify(Path("datasets/rolled")) == []
+    assert not UNDER_WAY.exists()
+
+
 def test_recordings_and_rollouts_are_not_mixed(capsys, begun):
     assert main(["record", "ergojr", *LOCKSTEP[2:], "--name", "rolled", "--episodes", "1"]) == 2
     assert "was begun with another command; give the same to go on" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_rollout_is_saved_with_all_its_bouts_or_not_at_all(capsys, monkeypatch):
     short(monkeypatch, 40)
     calls = []
