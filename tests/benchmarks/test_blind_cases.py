@@ -41,7 +41,10 @@ def test_another_number_seed_or_plant_gives_another_case():
 
 @pytest.mark.parametrize(
     "family",
-    [pytest.param(name, marks=pytest.mark.slow if name in {"none", "two", EVERY} else ()) for name in FAMILIES],
+    [
+        pytest.param(name, marks=pytest.mark.slow if name in {"none", "two", "three", EVERY} else ())
+        for name in FAMILIES
+    ],
 )
 def test_each_family_hides_as_many_visible_effects_as_it_says(family):
     plant = "numpy" if family == "outside" else "mujoco"

@@ -73,7 +73,8 @@ def test_sizes_are_drawn_for_the_servos_that_the_arm_has():
     np.testing.assert_allclose(drawn.gain, Constants.of(true.model()).gain, rtol=1e-4)
 
 
-@pytest.mark.parametrize("plant", ["numpy", pytest.param("bullet", marks=[pytest.mark.bullet, pytest.mark.slow])])
+@pytest.mark.slow
+@pytest.mark.parametrize("plant", ["numpy", pytest.param("bullet", marks=pytest.mark.bullet)])
 def test_who_knows_everything_is_right_about_far_gains_too(plant, tmp_path):
     plan = BlindPlan(("none",), (plant,), 1, 4, setting="far")
     record = run(plan, tmp_path, know_everything, lambda line: None)[0]

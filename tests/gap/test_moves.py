@@ -36,6 +36,7 @@ from nas_data.recorders.recipe import Recipe
 
 FLOOR = np.full(6, QUANTUM / np.sqrt(12))
 MOVES = registry.names("gap.search.moves")
+DEAR = {"add", "swap", "replace_by_rival"}  # which tests of their own show to improve a hypothesis
 VISCOUS, DRY = "viscous_friction:joint=j2,coefficient=0.03", "coulomb_friction:joint=j1,torque=0.03"
 BAND = "deadband:joint=j1,half_width=0.02"
 
@@ -62,7 +63,7 @@ def half_way(request: pytest.FixtureRequest, rubbing: Search) -> tuple[Search, H
 # The contract
 
 
-@pytest.mark.parametrize("name", MOVES)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow if name in DEAR else ()) for name in MOVES])
 def test_a_move_makes_no_hypothesis_worse(name: str, half_way: tuple[Search, Hypothesis]):
     """In the objective in which the search then is; some moves change it."""
     search, h = afresh(half_way[0]), half_way[1]

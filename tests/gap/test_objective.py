@@ -61,7 +61,7 @@ def test_small_errors_do_not_matter_while_large_ones_are_left():
     assert np.array_equal(coarse.select([0]).tolerated_error, coarse.tolerated_error)
 
 
-@pytest.mark.parametrize("fine", [False, True])
+@pytest.mark.parametrize("fine", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_the_physics_steps_of_a_recording_are_told_after_both_were_fitted(fine: bool):
     """Parameters of the model that were fitted to the wrong steps speak for them."""
     nominal, evidence = measured(factors={"m2.gain": 1.05, "m3.damping": 0.95}, timestep=2.5e-4 if fine else None)

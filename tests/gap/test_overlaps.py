@@ -1,14 +1,17 @@
 """Contacts of the model that the recording contradicts: told, and left out of the search and of the written model."""
 
+import json
 from pathlib import Path
 
 import mujoco
 import pytest
 from support.two_joint_arm import ARM, recorded
 
+from nas_data.cli import main
+from nas_data.effects.base import parse
+from nas_data.gap import workflow
 from nas_data.gap.overlaps import find_overlaps
 from nas_data.gap.problem import Problem
-from nas_data.gap.workflow import investigate
 
 SOLID = ARM.replace('contype="0" conaffinity="0"', "")
 FLOOR = '<geom name="table" type="plane" pos="0 0 {height}" size="1 1 0.1"/>\n    <body name="upper"'
@@ -35,9 +38,30 @@ def recording(free: Path) -> Path:
     return recorded(free, free.parent / "data", "--effect", DAMPING)
 
 
-def test_a_table_that_is_not_there_is_told_and_does_not_bend_the_names(recording: Path, tmp_path: Path):
+def test_a_table_that_is_not_there_is_told_and_left_out_of_the_written_model(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    given = (str(recording), "--model", str(with_table(tmp_path, 0.25)))
+    capsys.readouterr()
+    assert main(["gap", "find", *given, "--out", str(tmp_path), "--json"]) == 0
+    told = {check["check"]: check for check in json.loads(capsys.readouterr().out)["audit"]}["contacts"]
+    assert not told["ok"]
+    assert "'table' and 'lower'" in told["finding"]
+    (effects := tmp_path / "effects.json").write_text(json.dumps([parse(DAMPING).to_json()]))
+    assert main(["gap", "add", *given, "--effects", str(effects), "--out", str(tmp_path / "added")]) == 0
+    written = mujoco.MjModel.from_xml_path(str(tmp_path / "added" / "model.xml"))
+    assert written.nexclude >= 1
+
+
+@pytest.mark.slow
+def test_a_table_that_is_not_there_is_told_and_does_not_bend_the_names(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """Pictures and the next experiment, which are nothing to a table, are left out."""
+    monkeypatch.setattr(workflow, "show", lambda *_: None)
+    monkeypatch.setattr(workflow, "propose_experiment", lambda *_: workflow.Proposal())
     model = with_table(tmp_path, 0.25)
-    report = investigate(recording, model, tmp_path / "report")
+    report = workflow.investigate(recording, model, tmp_path / "report")
     told = {check.check: check for check in report.find.audit}["contacts"]
     assert not told.ok
     assert "'table' and 'lower'" in told.finding

@@ -66,6 +66,7 @@ def test_the_file_rubs_under_load_by_itself(given: Problem, folder: Path, tmp_pa
     )
 
 
+@pytest.mark.slow
 def test_beside_play_the_file_has_the_nearest_effect(tmp_path: Path):
     given = problem(tmp_path / "arm", LOAD, PLAY)
     found = outcome(given, tmp_path / "report", LOAD, PLAY)

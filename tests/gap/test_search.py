@@ -26,7 +26,7 @@ def test_a_plain_fit_recovers_gain_damping_friction_and_inertia():
     """The gain of the model is ten times too high, as where it was made up to hold still."""
     true = {"gain": 0.5, "damping": 0.03, "armature": 0.001, "frictionloss": 0.01}
     model = {"gain": 5.0, "damping": 0.015, "armature": 0.0015, "frictionloss": 0.02}
-    search = begun(arm(**model), target=arm(**true), episodes=8)
+    search = begun(arm(**model), target=arm(**true), episodes=6)
     found = fit_plain(search)
     for joint in ("j1", "j2"):
         for kind, value in true.items():
@@ -62,6 +62,7 @@ def test_a_plain_fit_recovers_how_much_of_the_weight_a_controller_carries():
     assert [factors[f"{joint}.gravcomp"] for joint in ("j1", "j2")] == pytest.approx([0.6, 0.6], abs=0.05)
 
 
+@pytest.mark.slow
 def test_gravity_compensation_that_the_model_lacks_is_named():
     found = begun(arm(), "gravity_compensation:share=0.7")
     (effect,) = choose(found, fit_plain(found)).effects
@@ -69,6 +70,7 @@ def test_gravity_compensation_that_the_model_lacks_is_named():
     assert effect.share == pytest.approx(0.7, abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_torque_limit_that_the_plain_fit_lowers_is_named():
     """A freed limit that nothing stood for explained what was missing, unnamed."""
     limited = arm().replace('kp="0.5"', 'kp="0.5" forcerange="-0.3 0.3"')

@@ -228,7 +228,7 @@ def test_an_arm_that_cannot_be_used_is_refused_in_one_sentence(fault, error, wor
         ("unplugged:servo=3", errors.ServoSilent),
         ("lost_packet:share=1", errors.NobodyAnswers),
         ("adapter_pulled", errors.AdapterLost),
-        ("corrupted_packet:share=1", errors.ArmError),
+        pytest.param("corrupted_packet:share=1", errors.ArmError, marks=pytest.mark.slow),
     ],
 )
 def test_a_fault_in_motion_is_told_at_once(fault, error):
@@ -272,7 +272,14 @@ def test_a_servo_that_shuts_down_raises_an_alert(fault, error):
         arm.close()
 
 
-@pytest.mark.parametrize("fault", ["lost_packet:share=0.1", "corrupted_packet:share=0.1", "latency:share=0.1"])
+@pytest.mark.parametrize(
+    "fault",
+    [
+        pytest.param("lost_packet:share=0.1", marks=pytest.mark.slow),
+        "corrupted_packet:share=0.1",
+        pytest.param("latency:share=0.1", marks=pytest.mark.slow),
+    ],
+)
 def test_no_reading_is_wrong_or_old_on_a_bad_line(fault):
     with virtual(fault) as bus:
         arm = Xl320Arm(bus.port, JOINTS)

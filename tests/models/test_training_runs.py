@@ -58,7 +58,7 @@ def interrupt_at(line: int):
     ],
     ids=["forced", "free", "averaged"],
 )
-@pytest.mark.parametrize("line", [1, 2, 4])
+@pytest.mark.parametrize("line", [pytest.param(1, marks=pytest.mark.slow), 2, pytest.param(4, marks=pytest.mark.slow)])
 def test_an_interrupted_training_ends_in_the_same_bits(tmp_path, swings, monkeypatch, kind, options, line):
     monkeypatch.setattr(FreeRunning, "per_validation", 5)
     whole = train(swings, tmp_path / "whole", kind, options)

@@ -83,7 +83,10 @@ def test_a_rollout_in_which_no_episode_ended_has_no_score(tmp_path):
     assert "nan" not in told[-1]
 
 
-@pytest.mark.parametrize("stopped", [3, Learner.SEGMENT, Learner.SEGMENT + 4])
+@pytest.mark.parametrize(
+    "stopped",
+    [*(pytest.param(rollouts, marks=pytest.mark.slow) for rollouts in (3, Learner.SEGMENT)), Learner.SEGMENT + 4],
+)
 def test_an_interrupted_training_goes_on_to_the_same_bits(tmp_path, stopped):
     frames = (Learner.SEGMENT + 6) * BRIEF.rollout
     learn(tmp_path / "whole", frames, hyperparameters=BRIEF)
@@ -193,7 +196,7 @@ def test_every_file_of_a_policy_is_plain_data(tmp_path):
 
 def test_a_short_training_on_the_analytic_arm_beats_every_baseline(tmp_path):
     torch.manual_seed(0)
-    learn(tmp_path, 50_000, hyperparameters=Hyperparameters(arms=16, rollout=2048, minibatches=8, learning_rate=1e-3))
+    learn(tmp_path, 30_000, hyperparameters=Hyperparameters(arms=16, rollout=2048, minibatches=8, learning_rate=1e-3))
     arm = FirstOrderArm(50)
     score = evaluate.score_policy(load_policy(tmp_path), REACHER, 50, arm)
     baselines = evaluate.score_baselines(REACHER, 50, arm)

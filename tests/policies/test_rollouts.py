@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.rollout_samples import LOCKSTEP, evaluate, policy, refused, work_in
-from support.xl320_samples import be_patient, torques, virtual
+from support.xl320_samples import be_patient, be_quick, torques, virtual
 
 from nas_data.cli import main
 from nas_data.dataset.features import DONE, ENVIRONMENT, NEXT_ENVIRONMENT, NEXT_STATE, REWARD, STATE, SUCCESS
@@ -54,6 +54,7 @@ UNDER_WAY = Path("datasets/rolled/recording")
 @pytest.fixture(autouse=True)
 def _patient(monkeypatch) -> None:
     be_patient(monkeypatch)
+    be_quick(monkeypatch)
 
 
 @pytest.fixture(autouse=True)
@@ -73,7 +74,9 @@ def test_a_policy_fares_on_the_arm_as_in_the_simulation_that_moves_it(capsys):
     assert measured["return"] == pytest.approx(simulated["return"], rel=0.05)  # the virtual arm's supply sags
 
 
-def test_rollouts_are_kept_as_a_dataset(capsys, monkeypatch):
+def test_rollouts_are_kept_as_a_dataset_with_the_reward_of_each_row(capsys, monkeypatch):
+    monkeypatch.setattr("nas_data.recorders.arm_motion.APPROACH", 0.6)  # as of a real arm
+    monkeypatch.setattr("nas_data.recorders.arm_motion.SETTLE", 0.5)
     reset, sent = RobotStepper.reset, []
 
     def remembering(stepper, states, rows=None):
@@ -97,12 +100,12 @@ def test_rollouts_are_kept_as_a_dataset(capsys, monkeypatch):
     assert provenance.target["configuration"]["speed"] == 1.745
     assert answer["held_back"] == answer["late"] == 0
     assert [path.name for path in Path("datasets/rolled").iterdir()] == [root.name]
+    check_rewards(dataset, answer["returns"])
 
 
-def test_each_row_holds_its_reward(capsys):
-    reacher = policy("ErgoReacher", (0.3, -0.2, 0.2, 0.1))
-    answer = evaluate(capsys, reacher, "--episodes", "2", *LOCKSTEP, "--record", "rolled")
-    dataset, task = read(Path(answer["dataset"])), find_task("ErgoReacher")
+def check_rewards(dataset, told: list[list[float]]) -> None:
+    """Check that each row holds its reward, and that the sums were told."""
+    task = find_task("ErgoReacher")
     stepper = task.simulator().stepper(1)
     for number, rows in enumerate(dataset.episodes()):
         goals = task.start(np.random.default_rng(SEED + number)).goal[None]
@@ -112,7 +115,7 @@ def test_each_row_holds_its_reward(capsys):
             assert dataset.columns[REWARD][row, 0] == pytest.approx(verdict.reward[0], abs=1e-5)
             assert dataset.columns[SUCCESS][row, 0] == verdict.success[0]
             assert dataset.columns[DONE][row, 0] == (row == rows.stop - 1)
-    assert answer["returns"] == [returns_of(dataset)]
+    assert told == [returns_of(dataset)]
 
 
 def check_care(touching: Callable[[str], tuple[int, int]], monkeypatch: pytest.MonkeyPatch, touches: int) -> None:
@@ -144,7 +147,8 @@ def test_an_arm_is_not_led_into_the_floor(capsys, monkeypatch):
 
 
 def short(monkeypatch: pytest.MonkeyPatch, steps: int) -> None:
-    """Let bouts of ErgoShield last so many steps at most."""
+    """Let bouts of ErgoShield last so many steps at most, and arms hold their first poses for less long."""
+    monkeypatch.setattr("nas_data.policies.rollouts.approach.SETTLE", 0.1)
     task = replace(find_task("ErgoShield"), horizon=steps)
     monkeypatch.setattr("nas_data.commands._on_arm.find_task", lambda _: task)
 
@@ -274,16 +278,16 @@ def test_a_key_counts_while_it_is_held_and_once_where_it_was_short():
 
 def test_where_one_arm_fails_both_are_left_without_torque(capsys):
     shield = policy("ErgoShield", (0.0,) * 6)
-    with virtual() as attacker, virtual("overload:servo=2,after=4") as defender:
+    with virtual() as attacker, virtual("overload:servo=2,after=2") as defender:
         ports = ("--on", "ergojr", "--port", attacker.port, "--defender-port", defender.port, "--hits", "simulated")
         said = refused(capsys, shield, "--episodes", "3", *ports, "--record", "duel")
         assert "Servo 2 (m2) shut down by overload" in said
         assert torques(attacker.port) == torques(defender.port) == [0] * 6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    "words",
-    [pytest.param(("--lockstep",), id="in lock-step"), pytest.param((), id="in real time", marks=pytest.mark.slow)],
+    "words", [pytest.param(("--lockstep",), id="in lock-step"), pytest.param((), id="in real time")]
 )
 def test_ctrl_c_makes_the_arm_safe_and_keeps_what_is_finished(capsys, words):
     """In real time on an idle machine only: a busy one does not keep the rate, and `verify` says so."""
@@ -397,36 +401,42 @@ def test_rollouts_of_something_else_are_not_gone_on_with(capsys, monkeypatch, be
     assert read(UNDER_WAY).n_episodes == 1
 
 
+def test_what_was_saved_is_finished_without_an_arm(capsys, begun):
+    answer = evaluate(capsys, *begun, "--finish")
+    assert len(answer["returns"]) == read(Path(answer["dataset"])).n_episodes == 1
+    assert verify(Path("datasets/rolled")) == []
+    assert not UNDER_WAY.exists()
+
+
 def test_recordings_and_rollouts_are_not_mixed(capsys, begun):
     assert main(["record", "ergojr", *LOCKSTEP[2:], "--name", "rolled", "--episodes", "1"]) == 2
     assert "was begun with another command; give the same to go on" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_rollout_is_saved_with_all_its_bouts_or_not_at_all(capsys, monkeypatch):
-    short(monkeypatch, 60)
+    short(monkeypatch, 40)
     calls = []
 
     def touched(stepper) -> np.ndarray:
         calls.append(len(calls) + 1)
-        if len(calls) == 95:
+        if len(calls) == 75:
             raise KeyboardInterrupt
-        return np.array([(len(calls) - 1) % 60 in (0, 20, 40)])  # the first is as if in touch already
+        return np.array([(len(calls) - 1) % 40 in (0, 20)])  # the first is as if in touch already
 
     monkeypatch.setattr("nas_data.policies.rollouts.arm_setup.touches", touched)
     options = (policy("ErgoShield", (0.0,) * 6), "--episodes", "2", *DUEL, "--record", "rolled")
     assert main(["policy", "evaluate", *options]) == 130
-    assert read(UNDER_WAY).lengths.tolist() == [21, 20, 19], "the second has touched once, and is not over"
-    calls[:] = [0] * 120
+    assert read(UNDER_WAY).lengths.tolist() == [21, 19], "the second has touched once, and is not over"
+    calls[:] = [0] * 80
     capsys.readouterr()
     answer = evaluate(capsys, *options)
     whole = read(Path(answer["dataset"]))
-    assert whole.lengths.tolist() == [21, 20, 19] * 2
-    assert answer["returns"] == [[2.0, 2.0]]
-    assert np.flatnonzero(whole.columns[REWARD][:, 0]).tolist() == [20, 40, 80, 100], (
-        "a hit is the last row of its bout"
-    )
-    assert np.flatnonzero(whole.columns[DONE][:, 0]).tolist() == [59, 119]
-    assert np.flatnonzero(~whole.columns[SUCCESS][:, 0].astype(bool)).tolist() == [*range(20), *range(60, 80)]
+    assert whole.lengths.tolist() == [21, 19] * 2
+    assert answer["returns"] == [[1.0, 1.0]]
+    assert np.flatnonzero(whole.columns[REWARD][:, 0]).tolist() == [20, 60], "a hit is the last row of its bout"
+    assert np.flatnonzero(whole.columns[DONE][:, 0]).tolist() == [39, 79]
+    assert np.flatnonzero(~whole.columns[SUCCESS][:, 0].astype(bool)).tolist() == [*range(20), *range(40, 60)]
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.rollout_samples import LOCKSTEP, evaluate, policy, refused, work_in
-from support.xl320_samples import be_patient, virtual
+from support.xl320_samples import be_patient, be_quick, virtual
 
 from nas_data.dataset.features import TIME
 from nas_data.dataset.provenance import read_provenance
@@ -28,6 +28,7 @@ REACHER = (-0.8, -0.2, 0.2, 0.1)  # there at once in the first episode, and neve
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch) -> Path:
+    be_quick(monkeypatch)
     return work_in(tmp_path, monkeypatch)
 
 
@@ -110,7 +111,7 @@ def test_a_health_that_is_not_heard_at_once_is_asked_for_again(capsys, monkeypat
         return health(arm, identity)
 
     monkeypatch.setattr(Xl320Arm, "health", unwell)
-    answer = evaluate(capsys, policy("ErgoReacher", REACHER), "--episodes", "2", *LOCKSTEP)
+    answer = evaluate(capsys, policy("ErgoReacher", (0.3, -0.2, 0.2, 0.1)), "--episodes", "1", *LOCKSTEP)
     assert answer["unheard"] >= 1
 
 
@@ -132,7 +133,7 @@ def test_a_late_reading_is_flagged_and_those_after_it_come_in_time(capsys, in_st
 
 
 def test_a_servo_that_stays_silent_ends_the_rollout_with_the_others_without_torque(capsys):
-    with virtual("unplugged:servo=3,after=6") as bus:
+    with virtual("unplugged:servo=3,after=4") as bus:
         ports = ("--on", "ergojr", "--port", bus.port, "--lockstep")
         said = refused(capsys, policy("ErgoReacher", REACHER), "--episodes", "9", *ports, "--record", "rolled")
         assert "Servo 3 does not answer" in said

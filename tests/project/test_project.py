@@ -137,7 +137,9 @@ def run_page(clone: Path, page: str, slow: bool) -> None:
         assert run.returncode == 0, f"a block of {page} failed:\n{block}\n{run.stdout}\n{run.stderr}"
 
 
-@pytest.mark.parametrize("page", RUN)
+@pytest.mark.parametrize(
+    "page", [pytest.param(page, marks=pytest.mark.slow if page == "docs/ergojr.md" else ()) for page in RUN]
+)
 def test_the_marked_blocks_of_a_page_run(clone, page):
     run_page(clone, page, slow=False)
 

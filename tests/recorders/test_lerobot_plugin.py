@@ -74,6 +74,16 @@ def robot_on(plugin, tmp_path):
         robot.disconnect()
 
 
+def test_lerobot_registers_robot_and_teleoperator_of_a_package_on_the_path(plugin):
+    from lerobot.robots import RobotConfig
+    from lerobot.teleoperators import TeleoperatorConfig
+    from lerobot.utils.import_utils import register_third_party_plugins
+
+    register_third_party_plugins()
+    assert RobotConfig.get_choice_class("ergojr") is plugin.ErgoJrConfig
+    assert TeleoperatorConfig.get_choice_class("ergojr_excitation") is plugin.ErgoJrExcitationConfig
+
+
 @pytest.mark.slow
 def test_lerobot_finds_robot_and_teleoperator_by_their_names(installed, tmp_path):
     run = subprocess.run(
@@ -172,6 +182,7 @@ def test_an_unknown_signal_is_refused(plugin):
         plugin.ErgoJrExcitation(plugin.ErgoJrExcitationConfig(excitation="dance")).connect()
 
 
+@pytest.mark.slow
 def test_lerobot_record_writes_a_dataset_that_is_taken_as_it_is(installed, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     options = {

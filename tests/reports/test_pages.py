@@ -53,7 +53,9 @@ def browser(tmp_path_factory):
         yield browser
 
 
-@pytest.mark.parametrize("kind", CHARTS)
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=pytest.mark.slow if kind != "gap" else ()) for kind in CHARTS]
+)
 def test_a_page_is_drawn_at_both_widths_and_asks_nobody_for_anything(pages, browser, kind):
     browser.requests.clear()
     browser.complaints.clear()

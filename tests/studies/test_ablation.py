@@ -142,7 +142,9 @@ def test_every_kind_of_the_folder_has_a_name_of_its_own(name):
     assert kind.needs_source or not (kind.names or kind.needs_pairs)
 
 
-@pytest.mark.parametrize("name", registry.names(EXECUTORS))
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name == "ray" else ()) for name in registry.names(EXECUTORS)]
+)
 def test_every_executor_of_the_folder_returns_each_result_with_its_number(name):
     assert dict(find_executor(name)(abs, [-3, 2, -1], 1)) == {0: 3, 1: 2, 2: 1}
 

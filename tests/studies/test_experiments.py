@@ -170,7 +170,9 @@ def test_the_target_may_be_computed_by_another_engine(tmp_path):
     assert target["simulator"]["engine"] == "bullet"
 
 
-@pytest.mark.parametrize("effects", [("coulomb_friction:joint=j1,torque=0.8",), ()])
+@pytest.mark.parametrize(
+    "effects", [("coulomb_friction:joint=j1,torque=0.8",), pytest.param((), marks=pytest.mark.slow)]
+)
 def test_named_methods_learn_in_what_was_named(tmp_path, monkeypatch, effects):
     monkeypatch.setattr(stages.workflow, "investigate", named_by(*effects))
     found = conduct("figure5", tiny(tmp_path, "Pusher", methods=("source", "named", "named_nas"), seeds=(0,)))
@@ -293,6 +295,7 @@ def test_counts_added_to_figure6_are_subsets_of_the_same_recording(tmp_path):
     assert beyond.data["dataset"] != few.data["dataset"]  # more than the whole experiment has needs a larger one
 
 
+@pytest.mark.slow
 def test_figure6_names_from_each_subset_and_learns_on_the_names(tmp_path, monkeypatch):
     asked, alone, jobs = [], [], []
 

@@ -1,9 +1,13 @@
 """Virtual arms that LeRobot drives, for tests: they answer at once, and move with the goals instead of by the clock."""
 
+import inspect
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
+
+import pytest
 
 from nas_data.hardware.arms.line import open_line
 from nas_data.hardware.virtual_bus.options import Options
@@ -15,6 +19,11 @@ from nas_data.robots.base import find_robot
 
 ROBOT = find_robot("so101_follower")
 PERIOD = 0.02
+
+
+def read_sources_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keep the source of each class: LeRobot's parser reads it anew for every option, two seconds a robot."""
+    monkeypatch.setattr(inspect, "getsource", cache(inspect.getsource))
 
 
 def request(folder: Path, kind: str = "so101_follower", **options: str) -> RobotRequest:

@@ -31,6 +31,12 @@ def be_patient(monkeypatch: pytest.MonkeyPatch, seconds: float = 1.0) -> None:
     monkeypatch.setattr("nas_data.hardware.xl320.port.LENIENCE", seconds)
 
 
+def be_quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let recorders in this process go to first poses faster than a real arm should, and hold them for less long."""
+    monkeypatch.setattr("nas_data.recorders.arm_motion.APPROACH", 1.5)  # [rad/s]
+    monkeypatch.setattr("nas_data.recorders.arm_motion.SETTLE", 0.2)  # [s]
+
+
 def torques(port: str) -> list[int]:
     """Read the torque of every servo; the port may still be someone else's for a moment."""
     joints = ergojr_joints()
