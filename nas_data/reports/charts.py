@@ -9,6 +9,7 @@ from nas_data.reports.style import Stroke
 
 MOST_POINTS = 2000  # of a curve; more than a screen has pixels, so that zooming in still shows something
 DASHES = {"-": "solid", "--": "dash", "-.": "dashdot", ":": "dot"}
+UNDERNEATH = 4.0  # [px] width of a measured curve, which is seen under a prediction that coincides with it
 VEIL = "2b"  # alpha of bands, as a colour's fourth byte
 
 Trace = dict[str, object]
@@ -136,7 +137,8 @@ def motion(
     """
     steps = {"line": {"color": looks["command"].colour, "width": 1.2, "shape": "hv"}}
     traces = [] if command is None else [line(time, command, "command", looks["command"], **steps)]
-    traces.append(line(time, measured, "measured", looks["measured"]))
+    wide = {"line": {"color": looks["measured"].colour, "width": UNDERNEATH}}
+    traces.append(line(time, measured, "measured", looks["measured"], **wide))
     for name, values in predicted.items():
         traces.append(line(time, values, name, looks[name]))
         traces.append(line(time, values - measured, name, looks[name], yaxis="y2", showlegend=False))

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nas_data.count_of import count_of
+
 if TYPE_CHECKING:
     from jinja2 import Template
 
@@ -91,6 +93,12 @@ class ModelDifference:
         return [
             (kinds.get(line[:3]) or marks.get(line[:1], "same"), line) for line in self.text.splitlines(keepends=True)
         ]
+
+    @property
+    def size(self) -> str:
+        """How many lines are added and removed."""
+        kinds = [kind for kind, _ in self.lines]
+        return f"{count_of(kinds.count('added'), 'line')} added, {kinds.count('removed')} removed"
 
 
 @dataclass(frozen=True)
