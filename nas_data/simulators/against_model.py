@@ -92,7 +92,12 @@ def _kind(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[AuditFind
     read, is_one, units = ("a length", "hinge", "rad, deg") if turns else ("an angle", "slide", "m, cm, mm")
     what = f"{joint} was read as {read}, and is a {is_one}"
     remedy = f"give it {'an angle' if turns else 'a length'} for a unit in the map ({units})"
-    return [AuditFinding("model_kind", "the dataset", f"{what} in the model", remedy)]
+    return [_doubt("model_kind", f"{what} in the model", remedy)]
+
+
+def _doubt(check: str, what: str, remedy: str) -> AuditFinding:
+    """Return what speaks against a dataset as the model's."""
+    return AuditFinding(check, "the dataset", what, remedy)
 
 
 def _limits(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[AuditFinding]:
@@ -114,7 +119,7 @@ def _limits(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[AuditFi
         reason += f", nor would it and {other} if they were exchanged"
         remedy += f", or whether the map takes {joint} and {other} for one another"
     what = f"{joint} goes from {first:.3g} to {last:.3g}, beyond the model's range {low:.3g} … {high:.3g}; {reason}"
-    return [AuditFinding("model_limits", "the dataset", what, remedy)]
+    return [_doubt("model_limits", what, remedy)]
 
 
 def _fits(dataset: Dataset, model: mujoco.MjModel, joint: str, read: str) -> bool:
@@ -157,7 +162,7 @@ def _middle(dataset: Dataset, model: mujoco.MjModel, joint: str, middle: float |
         f"model's range is {wanted:.3g}"
     )
     remedy = f"check 'offset' of {joint} in the map ({wanted:.3g} where the arm reaches as far as the model)"
-    return [AuditFinding("model_zero", "the dataset", what, remedy)]
+    return [_doubt("model_zero", what, remedy)]
 
 
 def check_signs(dataset: Dataset, model: mujoco.MjModel) -> list[AuditFinding]:
@@ -239,7 +244,7 @@ class _RestingRows:
                     f"gravity pulls (correlation {correlations[index]:.2f})"
                 )
                 remedy = f"check sign and zero of {joints[index]} in the map"
-                found.append(AuditFinding("model_gravity", "the dataset", what, remedy))
+                found.append(_doubt("model_gravity", what, remedy))
         return found
 
     def check_zeros(self, joints: Sequence[str]) -> list[AuditFinding]:
@@ -261,7 +266,7 @@ class _RestingRows:
             f"{joints[index]} stands {offset:+.2g} rad further"
         )
         remedy = f"check 'offset' or 'zero' of {joints[index]} in the map"
-        return [AuditFinding("model_gravity", "the dataset", what, remedy)]
+        return [_doubt("model_gravity", what, remedy)]
 
     def misfit(self, pull: np.ndarray) -> float:
         """Return the mean share of the loaded joints' error variance that loads of shape (N, n) leave unexplained."""

@@ -99,16 +99,17 @@ def fit_without(search: Search, h: Hypothesis, gone: list[Part]) -> Hypothesis |
     kept = {effect_key(effect) for effect in effects}
     followed, factors = compensate(search, h, gone)
     nearer = description.with_effects([effect for effect in followed if effect_key(effect) in kept])
-    replaced = {parameter.name: factor for part in gone for parameter, factor in replacements(search, h, part)}
+    replacements = [found for part in gone if (found := find_replacement(search, h, part))]
+    replaced = {parameter.name: factor for parameter, factor in replacements}
     starts = [(description, h.fit.factors), (nearer, factors), (description, {**h.fit.factors, **replaced})]
     best = min(starts, key=lambda start: search.evaluate_loss(*start).nats)
     return search.fit_description(*best, h.fit, steps=4)
 
 
-def replacements(search: Search, h: Hypothesis, part: Part) -> list[tuple[NominalParameter, float]]:
-    """Return the base parameter that is free without an effect and can stand for it, with its factor."""
+def find_replacement(search: Search, h: Hypothesis, part: Part) -> tuple[NominalParameter, float] | None:
+    """Return the base parameter that is free without an effect and can stand for it, with its factor, if any."""
     found = None if isinstance(part, str) else convert_to_factor(search, part)
-    return [found] if found and found[0].name not in h.fit.factors else []
+    return found if found and found[0].name not in h.fit.factors else None
 
 
 def compensate(search: Search, h: Hypothesis, gone: list[Part]) -> tuple[tuple[Effect, ...], dict[str, float]]:
@@ -154,7 +155,8 @@ def estimate_losses(search: Search, h: Hypothesis) -> dict[Part, float]:
     inverse = inverse_hessian(search, h)
 
     def loss(part: Part) -> float:
-        for parameter, factor in replacements(search, h, part):
+        if found := find_replacement(search, h, part):
+            parameter, factor = found
             return 0.5 * (math.log(factor) / parameter.deviation(math.log(factor))) ** 2
         changes = removal_steps(search, h, part)
         columns, change = list(changes), np.array(list(changes.values()))
