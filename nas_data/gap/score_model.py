@@ -60,8 +60,7 @@ def score_model(problem: Problem, final: FinalFit, null: FinalFit, plain: FinalF
     If the file can express all effects, it holds them. Otherwise it holds the most similar effects; `after` is then
     predicted with the effects of `effects.json`, and the file's own error is reported beside it.
     """
-    task = replace(problem.train, fine=final.fine).estimate_initial_loads(final.effects, dict(final.factors))
-    task = task.correct_timestep(final.effects, dict(final.factors))
+    task = replace(problem.train, fine=final.fine)
     load = choose_initial_load(task, final)
     nominal, held = problem.held.nominal, problem.held.evidence.with_initial_loads(load)
     effects, factors = final.effects, dict(final.factors)
@@ -144,10 +143,14 @@ def generate_written_forms(problem: Problem, final: FinalFit) -> Iterator[list[E
 
 
 def choose_initial_load(task: FitTask, final: FinalFit) -> InitialLoad:
-    """Return the initial load, gravity or none, with the lower misfit over all episodes."""
+    """Return the initial load, gravity or none, with the lower misfit over all episodes.
+
+    Only effects with hidden states, such as play, make a difference.
+    """
     effects, factors = final.effects, dict(final.factors)
     if not task.nominal.simulator(effects, factors).remembers:
         return InitialLoad.GRAVITY
+    task = task.estimate_initial_loads(effects, factors).correct_timestep(effects, factors)
 
     def misfit(load: InitialLoad) -> float:
         predicted = task.rollout_model.predict(task.evidence.with_initial_loads(load), effects, factors)
