@@ -35,11 +35,16 @@ def _too_large(recording: Recording, expected: Expected, what: str, values: np.n
                 f"more than {told}"
             )
             remedy = (
-                f"if the log is in {units}, say so: unit in [read.{what}]; if the joint does go so far, "
+                f"if the log is in {units}, say so: {_name_key(what, joint)}; if the joint does go so far, "
                 "add allow = ['unit_slip'] to [audit]"
             )
             found.append(AuditFinding("unit_slip", recording.label, text, remedy, rows, error=True))
     return found
+
+
+def _name_key(what: str, joint: str) -> str:
+    """Return where a map says the unit: a joint may have a table of its own."""
+    return f"unit in [read.{what}], or in [read.{what}.joints.{joint}] where the map has it"
 
 
 def _far_beyond(recording: Recording, expected: Expected) -> list[AuditFinding]:
@@ -55,6 +60,6 @@ def _far_beyond(recording: Recording, expected: Expected) -> list[AuditFinding]:
                 f"the position of {joint} is {excess.max():.3g} {unit} beyond its limits {low:.4g} … {high:.4g} {unit} "
                 f"in {recording.name_rows(rows)}"
             )
-            remedy = f"if the log is in {units}, say so: unit in [read.position]"
+            remedy = f"if the log is in {units}, say so: {_name_key('position', joint)}"
             found.append(AuditFinding("unit_slip", recording.label, what, remedy, rows, error=True))
     return found
