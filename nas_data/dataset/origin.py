@@ -238,7 +238,9 @@ def check_options(rate: float, joints: Sequence[str], kinds: Sequence[str], slid
     if not joints or len(set(joints)) < len(joints):
         raise JointMismatch(f"joints are {', '.join(joints) or 'none'}; give each joint one name of its own.")
     if len(kinds) != len(joints):
-        raise OptionError(f"kind is {', '.join(kinds) or 'empty'}; give one kind, or one for each joint: {', '.join(joints)}.")
+        raise OptionError(
+            f"kind is {', '.join(kinds) or 'empty'}; give one kind, or one for each joint: {', '.join(joints)}."
+        )
     strange = [joint for joint in slides if joint not in joints]
     if strange:
         raise JointMismatch(f"slides name '{strange[0]}', which is none of the joints {', '.join(joints)}.")
