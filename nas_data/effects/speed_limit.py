@@ -62,12 +62,15 @@ class SpeedLimit(Effect):
 
     def _limit_control(self, servo: mujoco.MjsActuator) -> None:
         """Limit the control of a servo that is commanded a speed; a narrower range stays."""
-        most = self.speed * abs(control_per_speed(servo))
-        low, high = servo.ctrlrange if servo.ctrllimited != mujoco.mjtLimited.mjLIMITED_FALSE else (0.0, 0.0)
-        if low == high == 0:
+        most, is_pid = self.speed * abs(control_per_speed(servo)), servo.gaintype == mujoco.mjtGain.mjGAIN_PID
+        low, high = servo.velrange if is_pid else servo.ctrlrange
+        if low == high == 0 or (not is_pid and servo.ctrllimited == mujoco.mjtLimited.mjLIMITED_FALSE):
             low, high = -most, most
-        servo.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
-        servo.ctrlrange = [max(low, -most), min(high, most)]
+        limits = [max(low, -most), min(high, most)]
+        if is_pid:
+            servo.velrange = limits
+        else:
+            servo.ctrllimited, servo.ctrlrange = mujoco.mjtLimited.mjLIMITED_TRUE, limits
 
     def _limit_pid(self, servo: mujoco.MjsActuator) -> None:
         """Set the slew rate of a `<pid>` servo, or lower an existing one."""
