@@ -30,7 +30,7 @@ class ServoDamping(Effect):
     source: ClassVar = "MuJoCo documentation, XML reference, actuator/position: kv and dampratio; actuator/velocity: kv"
     signature: ClassVar = (
         "The joint follows commands sooner than the model, and by more the faster they are; later if more. A velocity "
-        "servo drifts more under load."
+        "servo with a smaller gain follows them later, and drifts under load."
     )
     confused_with: ClassVar = ("servo_stiffness", "rotor_inertia")
 
