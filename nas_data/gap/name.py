@@ -13,7 +13,7 @@ from nas_data.gap.search.final import FinalFit, fit_final
 from nas_data.gap.search.hypothesis import Description, Hypothesis, effect_key
 from nas_data.gap.search.moves.replace_by_rival import fit_rivals
 from nas_data.gap.search.objective import FitTask
-from nas_data.gap.search.plain_fit import fit_plain
+from nas_data.gap.search.plain_fit import fit_smooth
 from nas_data.gap.search.search import Search
 from nas_data.gap.search.tie_break import break_tie
 from nas_data.joint_units import kinds_of
@@ -113,10 +113,10 @@ def name(train: FitTask, held: FitTask, say: Callable[[str], None] = lambda text
     """
     search = Search.begin(train, held, say)
     first = search.current_round
-    plain, fine = fit_plain(search), search.task.fine
-    search.return_to(first)
+    smooth, fine = fit_smooth(search), search.task.fine
+    best, plain = choose(search, first, smooth)
     train = replace(search.train, fine=search.task.fine)
-    kept = withdraw(search, choose(search, plain))
+    kept = withdraw(search, best)
     say("comparing what is nearly as good")
     kept = break_tie(search, train, kept)
     null = FinalFit((), search.null.fit.factors, ())

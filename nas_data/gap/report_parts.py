@@ -178,7 +178,7 @@ class ArmGap(GapErrors):
 
     Attributes:
         metric: Definition of the errors.
-        delivered: Content of `model.xml`: `names`, `names and plain`, `plain` or `given`.
+        delivered: Content of `model.xml`: `names`, `names and plain`, `names of MJCF and plain`, `plain` or `given`.
         slides: Errors over the slides of an arm that has hinges as well.
         per_joint: Errors of each joint.
         conditioning: Condition number of the final fit.

@@ -20,6 +20,7 @@ from nas_data.open_loop import has_setpoints
 from nas_data.simulators.initial_states import InitialLoad
 
 AS_GOOD = 1.5  # largest ratio of errors of the file over the effects on training episodes, floor included
+CLOSE = 1.1  # ratio below which no further size is tried
 
 # Multiples of large torque and speed for which effects with hooks are written to a file. Later ones have heavier pads,
 # which bounce less: they disturb a saturated servo with velocity feedback less, but follow its torque more slowly.
@@ -38,8 +39,8 @@ class HeldOutResult:
         written: Written model, read back.
         model: Its file.
         whole: Whether the written file expresses every effect.
-        delivered: Content of the file: `names`; `names and plain`, with the changes of the plain fit; `plain`; or
-            `given`, the given model.
+        delivered: Content of the file: `names`; `names and plain`, with the changes of the plain fit; `names of MJCF
+            and plain`, without effects that only `effects.json` expresses; `plain`; or `given`, the given model.
         learned: Shares of the gap if φ was trained, else None.
     """
 
@@ -60,8 +61,7 @@ def score_model(problem: Problem, final: FinalFit, null: FinalFit, plain: FinalF
     If the file can express all effects, it holds them. Otherwise it holds the most similar effects; `after` is then
     predicted with the effects of `effects.json`, and the file's own error is reported beside it.
     """
-    task = replace(problem.train, fine=final.fine).estimate_initial_loads(final.effects, dict(final.factors))
-    task = task.correct_timestep(final.effects, dict(final.factors))
+    task = replace(problem.train, fine=final.fine)
     nominal, held = problem.held.nominal, assume_initial_loads(problem.held, task, final)
     effects, factors = final.effects, dict(final.factors)
     named = with_timestep(nominal, task.timestep)
@@ -102,30 +102,32 @@ def write_nearest(problem: Problem, final: FinalFit, folder: Path, fitted: Episo
         named: Model without effects at the timestep to be written.
     """
     floor, factors = problem.train.floor, dict(final.factors)
-    enough = AS_GOOD**2 * (floor**2 + fitted.mean_squares(named.predict(fitted, final.effects, factors))).mean(0)
+    reached = (floor**2 + fitted.mean_squares(named.predict(fitted, final.effects, factors))).mean(0)
 
     def write(effects: Sequence[Effect], factors: dict[str, float]) -> None:
         write_model(folder, problem.held.nominal, effects, factors, float(named.spec.option.timestep))
 
-    def excess(effects: Sequence[Effect], factors: dict[str, float]) -> float:
+    def measure_ratio(effects: Sequence[Effect], factors: dict[str, float]) -> float:
         try:
             write(effects, factors)
             alone = Nominal.load(folder / MODEL, fitted).predict(fitted)
         except ModelFileError:  # it does not compile or diverges
             return np.inf
-        return float(((floor**2 + fitted.mean_squares(alone)).mean(0) / enough).max())
+        return float(np.sqrt((floor**2 + fitted.mean_squares(alone)).mean(0) / reached).max())
 
     tried: list[tuple[float, Sequence[Effect], dict[str, float]]] = []
     for forms in generate_written_forms(problem, final):
-        tried.append((excess(forms, factors), forms, factors))
-        if tried[-1][0] <= 1:
+        tried.append((measure_ratio(forms, factors), forms, factors))
+        if tried[-1][0] <= min(CLOSE, AS_GOOD):
             return True
-    constant = fit_model_effects(problem, final)
-    near = constant.effects, dict(constant.factors)
-    tried.insert(0, (excess(*near), *near))  # first, so that it is the default if nothing compiles
+    whole = min((entry[0] for entry in tried), default=np.inf) <= AS_GOOD
+    if not whole:
+        constant = fit_model_effects(problem, final)
+        near = constant.effects, dict(constant.factors)
+        tried.insert(0, (measure_ratio(*near), *near))  # first, so that it is the default if nothing compiles
     _, effects, factors = min(tried, key=lambda entry: entry[0])
     write(effects, factors)
-    return False
+    return whole
 
 
 def generate_written_forms(problem: Problem, final: FinalFit) -> Iterator[list[Effect]]:
@@ -151,10 +153,14 @@ def assume_initial_loads(part: FitTask, task: FitTask, final: FinalFit) -> Episo
 
 
 def choose_initial_load(task: FitTask, final: FinalFit) -> InitialLoad:
-    """Return the initial load, gravity or none, with the lower misfit over all episodes."""
+    """Return the initial load, gravity or none, with the lower misfit over all episodes.
+
+    Only effects with hidden states, such as play, make a difference.
+    """
     effects, factors = final.effects, dict(final.factors)
     if not task.nominal.simulator(effects, factors).remembers:
         return InitialLoad.GRAVITY
+    task = task.estimate_initial_loads(effects, factors).correct_timestep(effects, factors)
 
     def misfit(load: InitialLoad) -> float:
         predicted = task.rollout_model.predict(task.evidence.with_initial_loads(load), effects, factors)

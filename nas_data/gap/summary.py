@@ -21,6 +21,7 @@ RETUNED_FAR = (
 MOST_RETUNED = 6  # most base parameters listed, those that changed most
 DELIVERED = {
     "names and plain": "model.xml holds the names and all that the plain fit changes: the names alone predict worse.",
+    "names of MJCF and plain": "model.xml has the plain fit in place of the names that only effects.json holds.",
     "plain": "model.xml is the plain fit, without names: it predicts held-out episodes better than any names.",
     "given": "model.xml is the model as given: nothing that was fitted predicts held-out episodes better.",
 }

@@ -26,7 +26,7 @@ from nas_data.gap.score_model import HeldOutResult, predict_held, score_model
 from nas_data.gap.search.final import FinalFit, fit_final
 from nas_data.gap.search.hypothesis import Description
 from nas_data.gap.showing.show import show
-from nas_data.gap.write_model import write_difference
+from nas_data.gap.write_model import write_difference, write_effects
 from nas_data.joint_units import mean_of_kind
 from nas_data.mjcf.export import check_portable
 from nas_data.robots.base import TORQUES
@@ -123,33 +123,61 @@ def record_origin(problem: Problem, folder: Path, learn: int) -> MadeFrom:
 def deliver(problem: Problem, naming: Naming, folder: Path, say: Say) -> tuple[Naming, HeldOutResult]:
     """Write the model with the named effects, or a better one if the plain fit or given model predicts better.
 
-    Nothing is compared if the named effects reach the noise floor. If they are worse than the plain fit or the given
-    model, the names are combined with the changes of the plain fit. If that is worse as well, the plain fit or the
-    given model is written without names.
+    The file of the named effects is accepted if it reaches the noise floor, or the better of plain fit and given model.
+    Else these are tried in order, and the first that is accepted is written:
+
+    1. The names fitted with finer physics steps, if they have effects that a file expresses only with fine steps.
+    2. The names that MJCF expresses with the changes of the plain fit, if the names are accepted in simulation.
+    3. All names with the changes of the plain fit.
+    4. The plain fit or the given model, without names.
     """
     outcome = score_model(problem, naming.final, naming.null, naming.plain, folder)
     held = problem.held.evidence
-    left = floor_ratios(held.mean_squares(outcome.written), problem.held.floor)
     scales = mean_of_kind(problem.held.floor, held.joints, problem.held.nominal.slides)
     best = min(rms(held, outcome.plain, scales), rms(held, outcome.before, scales))
-    if left.max() <= ADEQUATE or rms(held, outcome.written, scales) <= best:
+
+    def is_accepted(predicted: np.ndarray) -> bool:
+        at_floor = floor_ratios(held.mean_squares(predicted), problem.held.floor).max() <= ADEQUATE
+        return bool(at_floor) or rms(held, predicted, scales) <= best
+
+    if is_accepted(outcome.written):
         return naming, outcome
-    say("the names alone predict held-out episodes worse than the plain fit or the model as given")
+    say("the written names predict held-out episodes worse than the plain fit or the model as given")
+    description = naming.description.with_effects(naming.final.effects)
+    has_hooks = not all(effect.in_model for effect in naming.final.effects)
+    if has_hooks and not naming.final.fine:
+        fine = fit_final(replace(problem.train, fine=True), description, dict(naming.final.factors), rounds=1)
+        other = score_model(problem, fine, naming.null, naming.plain, folder)
+        if is_accepted(other.written):
+            return naming.with_fit(fine), other
     train = replace(problem.train, fine=naming.final.fine)
-    description = naming.description.merge(naming.plain_description)
-    both = fit_final(
-        train, description, {**naming.plain.factors, **select_bound_factors(naming.final.factors, description)}
-    )
-    if naming.findings and rms(held, predict_held(problem, both), scales) <= best:
-        naming = naming.with_fit(both)
-        more = score_model(problem, both, naming.null, naming.plain, folder)
+    both = description.merge(naming.plain_description)
+    factors = {**naming.plain.factors, **select_bound_factors(naming.final.factors, both)}
+    if has_hooks and is_accepted(outcome.after):
+        part = fit_final(train, select_written_effects(both), factors)
+        if is_accepted(predict_held(problem, part)):
+            written = score_model(problem, part, naming.null, naming.plain, folder)
+            write_effects(folder, naming.final.effects, naming.final.factors, slides=problem.held.nominal.slides)
+            return naming, replace(written, after=outcome.after, whole=False, delivered="names of MJCF and plain")
+    together = fit_final(train, both, factors)
+    if naming.findings and is_accepted(predict_held(problem, together)):
+        naming = naming.with_fit(together)
+        more = score_model(problem, together, naming.null, naming.plain, folder)
         return naming, replace(more, delivered="names and plain")
     plain_is_best = rms(held, outcome.plain, scales) <= rms(held, outcome.before, scales)
-    other = naming.plain if plain_is_best else FinalFit((), {}, (), fine=False)
-    nameless = replace(naming, findings=(), rivals=(), final=other)
+    nameless = replace(
+        naming, findings=(), rivals=(), final=naming.plain if plain_is_best else FinalFit((), {}, (), fine=False)
+    )
     chosen = problem if plain_is_best else problem.with_contacts()
-    delivered = score_model(chosen, other, naming.null, naming.plain, folder)
+    delivered = score_model(chosen, nameless.final, naming.null, naming.plain, folder)
     return nameless, replace(delivered, delivered="plain" if plain_is_best else "given")
+
+
+def select_written_effects(description: Description) -> Description:
+    """Return the description without the effects that a model file does not express by itself."""
+    effects = tuple(effect for effect in description.effects if effect.in_model)
+    names = {effect.name() for effect in effects}
+    return replace(description, effects=effects, shared=description.shared & names)
 
 
 def select_bound_factors(factors: Mapping[str, float], description: Description) -> dict[str, float]:

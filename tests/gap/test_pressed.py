@@ -10,9 +10,13 @@ import pytest
 from nas_data.cli import main
 from nas_data.effects.base import parse
 from nas_data.gap import score_model as added_file
+from nas_data.gap.name import Naming
 from nas_data.gap.problem import Problem
 from nas_data.gap.score_model import HeldOutResult, score_model
 from nas_data.gap.search.final import FinalFit
+from nas_data.gap.search.hypothesis import Description
+from nas_data.gap.workflow import deliver, ignore
+from nas_data.robots import ergojr
 
 LOAD, PLAY = "load_friction:joint=m2,ratio=0.3", "backlash:joint=m2,half_width=0.03"
 
@@ -28,11 +32,11 @@ def given(folder: Path) -> Problem:
     return problem(folder / "arm", LOAD)
 
 
-def problem(folder: Path, *effects: str) -> Problem:
+def problem(folder: Path, *effects: str, robot: str = "ergojr", more: tuple[str, ...] = ()) -> Problem:
     options = [option for text in effects for option in ("--effect", text)]
     out = str(folder)
-    command = ["record", "sim", "--robot", "ergojr", *options, "--noise", "0.0009", "--out", out]
-    assert main([*command, "--episodes", "6", "--seconds", "1.5"]) == 0
+    command = ["record", "sim", "--robot", robot, *options, "--noise", "0.0009", "--out", out]
+    assert main([*command, "--episodes", "6", "--seconds", "1.5", *more]) == 0
     return Problem.load(out, "ergojr")
 
 
@@ -94,3 +98,38 @@ def test_a_file_that_does_not_do_quite_the_same_is_still_the_nearest(
     assert flags(tmp_path / "report") == {"load_friction": False}
     assert mujoco.MjModel.from_xml_path(str(found.model)).joint("m2_pressed_pad")
     assert error(given, found.after) <= error(given, found.written) < 0.3 * error(given, found.before)
+
+
+def named(load: str, plain: str) -> Naming:
+    """Names found with the model's own physics steps, beside a plain fit with finer ones."""
+    (effect, stand_in), nothing = (parse(text) for text in (load, plain)), FinalFit((), {}, ())
+    found = FinalFit((effect,), {}, ({},), fine=False)
+    free, freed = Description((effect,)), Description((stand_in,))
+    return Naming((), found, nothing, FinalFit((stand_in,), {}, ({},)), (), free, freed, {})
+
+
+def test_what_needs_fine_steps_in_a_file_is_fitted_with_them(tmp_path: Path):
+    load = "load_friction:joint=m5,ratio=0.42"
+    fine = mujoco.MjSpec.from_file(str(ergojr.ROBOT.mjcf))
+    fine.option.timestep = 0.0005
+    (tmp_path / "fine.xml").write_text(fine.to_xml(), encoding="utf-8")
+    more = ("--rate", "100", "--excitation", "steps")
+    given = problem(tmp_path / "arm", load, robot=str(tmp_path / "fine.xml"), more=more)
+    names = named(load, load.replace("0.42", "0.416"))
+    as_found = score_model(given, names.final, names.null, names.plain, tmp_path)
+    assert error(given, as_found.written) > 1.05 * error(given, as_found.plain)
+    naming, found = deliver(given, names, tmp_path, ignore)
+    assert error(given, found.written) < error(given, found.plain)
+    assert naming.final.effects[0].name() == "load_friction" and naming.final.fine
+    assert found.whole and found.delivered == "names"
+
+
+def test_names_hold_where_no_file_can_express_them(given: Problem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(added_file, "SIZES", ((0.05, 20.0),))
+    monkeypatch.setattr(added_file, "fit_model_effects", lambda problem, final: FinalFit((), {}, ()))
+    wanted = named(LOAD, "coulomb_friction:joint=m2,torque=0.03")
+    (tmp_path / "report").mkdir()
+    naming, found = deliver(given, wanted, tmp_path / "report", ignore)
+    assert naming is wanted and not found.whole and found.delivered == "names of MJCF and plain"
+    assert flags(tmp_path / "report") == {"load_friction": False}
+    assert error(given, found.after) < error(given, found.written) <= error(given, found.plain)

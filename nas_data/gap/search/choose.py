@@ -6,8 +6,8 @@ from nas_data.gap.search.fit import fit
 from nas_data.gap.search.hypothesis import Hypothesis
 from nas_data.gap.search.moves import add, drop, line_scan, restart
 from nas_data.gap.search.moves.base import find_move
-from nas_data.gap.search.plain_fit import convert_columns, convert_to_effects
-from nas_data.gap.search.search import LITTLE, Search
+from nas_data.gap.search.plain_fit import add_limits, convert_columns, convert_to_effects
+from nas_data.gap.search.search import LITTLE, Round, Search
 
 MOVES_AFTER_ADDITION = ("swap", "merge_joints", "shift_delay", "optional_parameters")  # after each addition
 # when nothing is added any more
@@ -19,8 +19,43 @@ FEW_JOINTS = 2  # most joints above the floor with which the search starts upwar
 MAX_EFFECTS = 4  # effects per excited joint
 
 
-def choose(search: Search, plain: Hypothesis, without: Container[str] = ()) -> Hypothesis:
-    """Search in both directions and return the best hypothesis.
+def choose(
+    search: Search, first: Round, plain: Hypothesis, without: Container[str] = ()
+) -> tuple[Hypothesis, Hypothesis]:
+    """Search in both directions and return the best hypothesis, and the plain fit.
+
+    If few joints are above the floor and the smooth fit does not explain them, effects are added to the model first.
+    Limits are added to the plain fit only if those effects do not explain the joints either.
+
+    Args:
+        search: Search at the objective of the smooth fit.
+        first: Objective of the search before it.
+        plain: Smooth fit.
+        without: Names of moves to leave out.
+
+    Returns:
+        The hypothesis with the best score, and the plain fit.
+    """
+    there = search.current_round
+    search.return_to(first)
+    if not search.find_joints_above_floor(search.null):
+        return search.null, plain
+    early = None
+    if not is_explained(search, plain) and len(search.find_joints_above_floor(search.null)) <= FEW_JOINTS:
+        early = search_up(search, search.null, without)
+        free = search.rescore(plain)
+        if is_explained(search, early) and early.score < free.fit.loss + free.heldout_misfit:
+            return early, plain
+    search.return_to(there)
+    plain = add_limits(search, plain)
+    search.return_to(first)
+    return search_both(search, first, plain, early, without), plain
+
+
+def search_both(
+    search: Search, first: Round, plain: Hypothesis, early: Hypothesis | None, without: Container[str]
+) -> Hypothesis:
+    """Search down from the plain fit and up from the model, as far as needed, and return the best hypothesis.
 
     The pruned plain fit decides the order. If it has many parts, nearly everything is missing; adding effects one at a
     time would then fail, so only the downward result is extended. The exception is a first addition that already scores
@@ -28,22 +63,12 @@ def choose(search: Search, plain: Hypothesis, without: Container[str] = ()) -> H
     are searched.
 
     Args:
-        search: Search.
+        search: Search at its first objective.
+        first: That objective.
         plain: Plain fit.
+        early: Result of a search upwards, if there is one.
         without: Names of moves to leave out.
-
-    Returns:
-        The hypothesis with the best score.
     """
-    if not search.find_joints_above_floor(search.null):
-        return search.null
-    first, early = search.current_round, None
-    if not is_explained(search, plain) and len(search.find_joints_above_floor(search.null)) <= FEW_JOINTS:
-        early = search_up(search, search.null, without)
-        free = search.rescore(plain)
-        if is_explained(search, early) and early.score < free.fit.loss + free.heldout_misfit:
-            return early
-        search.return_to(first)
     down = search_down(search, plain, without)
     first_addition = None
     if is_large := len(drop.list_parts(down)) > MANY_PARTS * len(search.excited):

@@ -40,11 +40,15 @@ LIMIT_EFFECTS = ("torque_limit", "command_delay")  # effects that a plain fit in
 
 
 def fit_plain(search: Search) -> Hypothesis:
+    """Fit every smooth parameter of joints above the floor, then torque limits and a delay if they are worth it."""
+    return add_limits(search, fit_smooth(search))
+
+
+def fit_smooth(search: Search) -> Hypothesis:
     """Fit gain, damping, rotor inertia, dry and viscous friction, offset and filters of joints above the floor.
 
     Joints at the floor are not freed, because more freedom would fit noise. The fit begins on short windows from
-    several gains, and ends on the episodes of the search. Torque limits and a delay of the arm are tried last. The
-    search continues with the objective of the fit.
+    several gains, and ends on the episodes of the search. The search continues with the objective of the fit.
     """
     joints = search.find_joints_above_floor(search.null)
     if not joints:
@@ -68,10 +72,7 @@ def fit_plain(search: Search) -> Hypothesis:
     if search.floor_ratios(plain).max() > AT_FLOOR:
         plain = search.relinearise(plain)
     search.report("plain fit", plain)
-    better = add_limits(search, plain) if search.floor_ratios(plain).max() > AT_FLOOR else plain
-    if better is not plain:
-        search.report("plain fit with limits", better)
-    return better
+    return plain
 
 
 def describe_plain_fit(search: Search, joints: Collection[str]) -> Description:
@@ -153,7 +154,12 @@ def list_starting_factors(freed: frozenset[str]) -> Sequence[dict[str, float]]:
 
 
 def add_limits(search: Search, plain: Hypothesis) -> Hypothesis:
-    """Add torque limits and a delay of the arm if they are worth their price."""
+    """Add torque limits and a delay of the arm to a smooth fit above the floor if they are worth their price.
+
+    The search is at the objective of the fit.
+    """
+    if plain is search.null or search.floor_ratios(plain).max() <= AT_FLOOR:
+        return plain
     half = np.arange(0, len(search.task.evidence), 2)
     task = search.task.select(half)
     search.say("  screening torque limits and delays beside the plain fit")
@@ -168,6 +174,7 @@ def add_limits(search: Search, plain: Hypothesis) -> Hypothesis:
             more = search.fit_description(plain.description.add_effects(*chosen), plain.fit.factors, plain.fit, 6, 1)
             if more is not None and more.score < plain.score:
                 plain = more
+                search.report("plain fit with limits", plain)
     return plain
 
 

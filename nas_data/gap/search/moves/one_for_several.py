@@ -7,6 +7,8 @@ from nas_data.gap.search.screen import Candidate
 from nas_data.gap.search.search import FAR_BEHIND, TRIED, Search
 from nas_data.gap.side_by_side import side_by_side
 
+NEAR = 0.5  # share of the parts' gain by which a first-order estimate may be worse; it is far off for a strong effect
+
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
     """Try single effects in place of all parts of a joint, then in place of all parts."""
@@ -30,7 +32,8 @@ def replace_parts(search: Search, h: Hypothesis, joint: str | None) -> Hypothesi
     if rest is None:
         return h
     found, kept_loss = search.screen_candidates(rest.fit, h, {joint} if joint else set())
-    near = [c for c in found if c.effect.joint == joint and c.loss.over(kept_loss) < FAR_BEHIND][:TRIED]
+    far = max(FAR_BEHIND, NEAR * rest.score.over(h.score))
+    near = [c for c in found if c.effect.joint == joint and c.loss.over(kept_loss) < far][:TRIED]
 
     def fit_instead(candidate: Candidate) -> Hypothesis | None:
         factors = rest.fit.parameters.factors_at(candidate.theta)
@@ -38,6 +41,8 @@ def replace_parts(search: Search, h: Hypothesis, joint: str | None) -> Hypothesi
 
     fitted = [one for one in side_by_side(fit_instead, near) if one is not None and one.is_finite]
     best = min(fitted, key=lambda one: one.score, default=h)
+    if best is not h and 0 <= best.score.over(h.score) < FAR_BEHIND:
+        best = search.fit_further(best)
     if best.score < h.score:
         search.report(f"one effect for all of {joint or 'the arm'}", best)
         return best
