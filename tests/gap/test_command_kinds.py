@@ -77,9 +77,8 @@ def identify(folder, servos: str, hidden: str) -> GapReport:
     return nas.identify(record(servos, hidden), model=folder / "arm.xml")
 
 
-@pytest.mark.parametrize(
-    "servos", ["setpoint", *(pytest.param(name, marks=pytest.mark.slow) for name in ("velocity", "mixed"))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("servos", ["setpoint", "velocity", "mixed"])
 def test_nothing_is_named_where_nothing_hides(servos, tmp_path):
     """Setpoints that hold the arm's weight are ahead of their joints when the recording begins."""
     report = identify(tmp_path, servos, "")
