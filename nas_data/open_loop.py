@@ -1,10 +1,11 @@
 """Roll a source out over whole episodes, in batches."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import VELOCITY
 from nas_data.pairing import check_fits, initial_states
 from nas_data.simulators.base import Simulator
 
@@ -21,13 +22,41 @@ def open_loop_scene(dataset: Dataset, simulator: Simulator) -> list[np.ndarray]:
     """Do as `open_loop_source`, with the objects that the dataset has: a list of (T, 2n or 2n + m)."""
     check_fits(dataset, simulator)
     initial = initial_states(dataset, simulator)
+    settled = roll_out_episodes(dataset, initial, simulator.rollout_settled)
+    if not has_setpoints(simulator):
+        return settled
+    fresh = roll_out_episodes(dataset, initial, simulator.rollout)
+    return min(settled, fresh, key=lambda states: position_misfit(dataset, states))
+
+
+def roll_out_episodes(
+    dataset: Dataset, initial: np.ndarray, rollout: Callable[[np.ndarray, np.ndarray], np.ndarray]
+) -> list[np.ndarray]:
+    """Roll out every episode from its initial state (E, 2n or 2n + m); a list of (T, 2n or 2n + m)."""
     result: list[np.ndarray] = [np.empty(0)] * dataset.n_episodes
     for batch in like_lengths(dataset.lengths):
-        commands = padded_commands(dataset, batch)
-        states = simulator.rollout_settled(initial[batch], commands)
+        states = rollout(initial[batch], padded_commands(dataset, batch))
         for row, episode in enumerate(batch):
             result[episode] = states[row, : dataset.lengths[episode]]
     return result
+
+
+def has_setpoints(simulator: Simulator) -> bool:
+    """Whether velocity commands move setpoints, whose start is not measured.
+
+    They may start ahead of their joints, where the servos hold the arm's weight, or at them, as after a reset.
+    """
+    return simulator.remembers and VELOCITY in simulator.kinds
+
+
+def position_misfit(dataset: Dataset, states: Sequence[np.ndarray]) -> float:
+    """Return the sum over joints of the logarithms of their mean squared position errors."""
+    n = len(dataset.joints)
+    errors = (
+        np.concatenate(states)[:, :n]
+        - np.concatenate([dataset.next_states[rows] for rows in dataset.episodes()])[:, :n]
+    )
+    return float(np.log(np.square(errors).mean(0) + np.finfo(float).tiny).sum())
 
 
 def batches(lengths: np.ndarray, ordered: bool = True) -> list[list[int]]:

@@ -32,7 +32,7 @@ class GapAdd(TakesModel):
     """Folder for model.xml."""
     export: Literal["bam", "csv"] | None = None
     """Also write what was identified as parameters: bam/JOINT.json as Rhoban's BAM reads them, or parameters.csv with
-    gain, damping, armature, friction, delay and limits of every joint, and ranges to randomise them in."""
+    gain, servo damping, armature, friction, delay, limits and mass of every joint, and ranges to randomise them in."""
 
     def run(self) -> CommandResult:
         """Write and score."""

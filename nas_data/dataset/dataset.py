@@ -104,7 +104,7 @@ class Dataset:
         joints: Sequence[str],
         velocities: "Episodes | None" = None,
         times: "Episodes | None" = None,
-        kind: "CommandKind" = "position",
+        kind: "CommandKind | Sequence[CommandKind]" = "position",
         slides: Sequence[str] = (),
         turns: bool = False,
         robot: str = "unknown",
@@ -122,7 +122,7 @@ class Dataset:
             joints: Names of the n joints.
             velocities: Measured velocities [rad/s; m/s]; derived from the positions if None.
             times: Recorder's clock [s], shape (T,) per episode; rows are evenly spaced if None.
-            kind: Type of the commands: `position`, `velocity` or `torque`.
+            kind: Type of the commands: `position`, `velocity` or `torque`; or a list with the type at each joint.
             slides: Names of the slide joints.
             turns: Whether joints may exceed two turns; otherwise such positions are refused as degrees.
             robot: Name of the robot.
@@ -131,7 +131,7 @@ class Dataset:
         Raises:
             DatasetInvalid: shapes differ, or values cannot be right: degrees, NaN, a clock that goes back.
             JointMismatch: a joint is named twice, or a slide is no joint.
-            OptionError: the rate or the kind is invalid.
+            OptionError: the rate or a kind is invalid.
         """
         from nas_data.dataset.origin import of_arrays
 

@@ -178,14 +178,15 @@ def of_arrays(
     joints: Sequence[str],
     velocities: Episodes | None,
     times: Episodes | None,
-    kind: CommandKind,
+    kind: CommandKind | Sequence[CommandKind],
     slides: Sequence[str],
     turns: bool,
     robot: str,
     tasks: Sequence[str],
 ) -> Dataset:
     """Make a dataset from arrays; see `Dataset.from_arrays`."""
-    check_options(rate, joints, kind, slides)
+    kinds = (kind,) * len(joints) if isinstance(kind, str) else tuple(kind)
+    check_options(rate, joints, kinds, slides)
     n = len(joints)
     measured = split_episodes(positions, n, "positions")
     asked = [
@@ -194,7 +195,7 @@ def of_arrays(
     ]
     columns = {STATE: measured, ACTION: asked}
     features: dict[str, Feature] = {STATE: position_feature(joints, slides)}
-    features[ACTION] = action_feature(joints, [KINDS[kind]] * n, slides)
+    features[ACTION] = action_feature(joints, [KINDS[each] for each in kinds], slides)
     if velocities is not None:
         pairs = zip_alike(split_episodes(velocities, n, "velocities"), measured, "velocities")
         columns[STATE] = [
@@ -223,8 +224,8 @@ def of_arrays(
     return replace(complete, origin=Origin(complete, provenance, derived))
 
 
-def check_options(rate: float, joints: Sequence[str], kind: str, slides: Sequence[str]) -> None:
-    """Refuse an invalid rate, command kind or list of joints.
+def check_options(rate: float, joints: Sequence[str], kinds: Sequence[str], slides: Sequence[str]) -> None:
+    """Refuse an invalid rate, a wrong list of command kinds or of joints.
 
     Raises:
         OptionError: the rate or the kind is invalid.
@@ -232,10 +233,14 @@ def check_options(rate: float, joints: Sequence[str], kind: str, slides: Sequenc
     """
     if not (np.isfinite(rate) and rate > 0):
         raise OptionError(f"rate is {rate}; give the control rate [Hz], above 0.")
-    if kind not in KINDS:
-        raise OptionError(f"kind is '{kind}'; choose one of: {', '.join(KINDS)}.")
+    if strange := [kind for kind in kinds if kind not in KINDS]:
+        raise OptionError(f"kind is '{strange[0]}'; choose one of: {', '.join(KINDS)}.")
     if not joints or len(set(joints)) < len(joints):
         raise JointMismatch(f"joints are {', '.join(joints) or 'none'}; give each joint one name of its own.")
+    if len(kinds) != len(joints):
+        raise OptionError(
+            f"kind is {', '.join(kinds) or 'empty'}; give one kind, or one for each joint: {', '.join(joints)}."
+        )
     strange = [joint for joint in slides if joint not in joints]
     if strange:
         raise JointMismatch(f"slides name '{strange[0]}', which is none of the joints {', '.join(joints)}.")

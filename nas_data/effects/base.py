@@ -59,6 +59,7 @@ class Scales:
         torque: Large torque of the actuator [N·m].
         speed: Large speed of the joint [rad/s].
         radian: Equivalent of one radian: 1 for a hinge, a share of the range for a slide [m].
+        velocity_servo: Whether the actuator is a servo with velocity feedback only.
     """
 
     stiffness: float
@@ -68,6 +69,7 @@ class Scales:
     torque: float
     speed: float
     radian: float = 1.0
+    velocity_servo: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,9 +149,8 @@ class Effect:
             self.name(), self.joint, own | {p.name: DETAIL_START * p.spread for p in self.parameters if p.spread}
         )
 
-    @property
-    def has_preferred_equivalent(self) -> bool:
-        """Whether, with these parameters, another effect is named instead because it is equivalent."""
+    def has_preferred_equivalent(self, scales: Scales) -> bool:
+        """Whether another effect is named instead, because it is equivalent with these parameters at such a joint."""
         return False
 
     def edit(self, spec: mujoco.MjSpec) -> None:

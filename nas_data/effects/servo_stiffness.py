@@ -7,7 +7,7 @@ from typing import ClassVar
 import mujoco
 
 from nas_data.effects.base import Effect, Parameter, Scales
-from nas_data.effects.edits.servo import position_servo, scale_stiffness
+from nas_data.effects.edits.servo import gain_servo, scale_stiffness
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +29,11 @@ class ServoStiffness(Effect):
         return tuple({"factor": factor} for factor in (0.01, 0.04, 0.15, 0.5, 1.6, 2.8))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Multiply the position gain of the joint's servo; damping and limits stay."""
+        """Multiply the position gain of the joint's servo; damping and limits stay.
+
+        Raises:
+            ModelFileError: the joint's actuator has no position feedback.
+        """
         assert self.joint is not None
-        position_servo(spec, self.joint, self.name())
+        gain_servo(spec, self.joint, self.name())
         scale_stiffness(spec, self.joint, self.factor)

@@ -1,4 +1,4 @@
-"""Rate limit of the servo's internal setpoint."""
+"""Limit of the speed at which a servo approaches its goal."""
 
 import math
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ from typing import ClassVar
 import mujoco
 
 from nas_data.effects.base import Effect, Parameter, Scales
-from nas_data.effects.edits.servo import feedback, position_servo, take_own_unit
+from nas_data.effects.edits.servo import control_per_speed, feedback, position_servo, speed_servo, take_own_unit
 from nas_data.errors import ModelFileError
 
 POSITION_INPUT = 1  # the first input of a <pid>, its position setpoint, and no other
@@ -16,12 +16,15 @@ POSITION_INPUT = 1  # the first input of a <pid>, its position setpoint, and no 
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedLimit(Effect):
-    """Large steps become ramps of one slope; slower commands are unaffected."""
+    """Large steps become ramps of one slope; slower commands are unaffected.
+
+    The target speed of a servo that is commanded a speed is clipped.
+    """
 
     speed: float
 
     parameters: ClassVar = (Parameter("speed", "rad/s", 0.001, 30.0, math.inf),)
-    equation: ClassVar = "|d goal/dt| ≤ speed, torque = servo(goal − q)"
+    equation: ClassVar = "|d goal/dt| ≤ speed, torque = servo(goal − q); of a velocity command, |command| ≤ speed"
     source: ClassVar = "MuJoCo 4.0 <pid slewmax>; XL-320 e-manual, Moving Speed (register 32)"
     signature: ClassVar = "Straight ramps of the same slope after every big step, nothing on slow moves, at any load."
     confused_with: ClassVar = ("torque_limit", "viscous_friction", "command_delay")
@@ -34,10 +37,15 @@ class SpeedLimit(Effect):
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Turn the position servo into a `<pid>` of the same gains with a slew rate; of two limits the lower one holds.
 
+        A servo that is commanded a speed gets a control range.
+
         Raises:
-            ModelFileError: no position servo drives the joint, or its command is filtered.
+            ModelFileError: no servo drives the joint, or its command is filtered.
         """
         assert self.joint is not None
+        if (follower := speed_servo(spec, self.joint)) is not None:
+            self._limit_control(follower)
+            return
         servo = position_servo(spec, self.joint, self.name())
         if servo.dyntype == mujoco.mjtDyn.mjDYN_PID:
             self._limit_pid(servo)
@@ -51,6 +59,18 @@ class SpeedLimit(Effect):
         slewmax = self.speed * abs(float(servo.gear[0]))
         servo.set_to_pid(kp=feedback(servo), kv=-float(bias[2]), slewmax=slewmax, ctrlspec=POSITION_INPUT)
         servo.biasprm = bias  # set_to_pid drops a constant bias
+
+    def _limit_control(self, servo: mujoco.MjsActuator) -> None:
+        """Limit the control of a servo that is commanded a speed; a narrower range stays."""
+        most, is_pid = self.speed * abs(control_per_speed(servo)), servo.gaintype == mujoco.mjtGain.mjGAIN_PID
+        low, high = servo.velrange if is_pid else servo.ctrlrange
+        if low == high == 0 or (not is_pid and servo.ctrllimited == mujoco.mjtLimited.mjLIMITED_FALSE):
+            low, high = -most, most
+        limits = [max(low, -most), min(high, most)]
+        if is_pid:
+            servo.velrange = limits
+        else:
+            servo.ctrllimited, servo.ctrlrange = mujoco.mjtLimited.mjLIMITED_TRUE, limits
 
     def _limit_pid(self, servo: mujoco.MjsActuator) -> None:
         """Set the slew rate of a `<pid>` servo, or lower an existing one."""

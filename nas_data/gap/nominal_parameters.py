@@ -10,6 +10,7 @@ import numpy as np
 from nas_data.effects.edits.servo import (
     damping,
     filter_time,
+    is_velocity_servo,
     scale_damping,
     scale_filter,
     scale_limit,
@@ -118,7 +119,8 @@ def list_base_parameters(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[No
             found.append(NominalParameter(joint, "gain"))
         if element.damping[0] > 0:
             found.append(NominalParameter(joint, "damping"))
-        if stiffness(spec, joint) > 0 and np.isfinite(torque_limit(spec, joint)):
+        is_servo = stiffness(spec, joint) > 0 or is_velocity_servo(spec, joint)
+        if is_servo and np.isfinite(torque_limit(spec, joint)):
             found.append(NominalParameter(joint, "limit"))
         if filter_time(spec, joint) > 0:
             found.append(NominalParameter(joint, "filter"))

@@ -8,6 +8,7 @@ from nas_data.typed_json import as_object
 
 NAME = {"key": "effect"}
 OPTIONAL = {"optional": True}
+LARGE_FACTOR = 1.251  # the bound of ±25 %, `nominal_parameters.MAX_LOG_CHANGE`, and the rounding of a report's factors
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,6 +121,11 @@ class Retuned:
     parameter: str
     factor: float
     at_bound: bool = False
+
+    @property
+    def is_large(self) -> bool:
+        """Whether it changed by more than a parameter's tolerance, which only freed parameters can."""
+        return self.factor > LARGE_FACTOR or self.factor * LARGE_FACTOR < 1
 
 
 @dataclass(frozen=True, kw_only=True)

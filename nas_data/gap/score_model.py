@@ -16,6 +16,7 @@ from nas_data.gap.search.hypothesis import Description
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.scales import estimate_scales
 from nas_data.gap.write_model import MODEL, write_effects, write_model
+from nas_data.open_loop import has_setpoints
 from nas_data.simulators.initial_states import InitialLoad
 
 AS_GOOD = 1.5  # largest ratio of errors of the file over the effects on training episodes, floor included
@@ -61,15 +62,14 @@ def score_model(problem: Problem, final: FinalFit, null: FinalFit, plain: FinalF
     predicted with the effects of `effects.json`, and the file's own error is reported beside it.
     """
     task = replace(problem.train, fine=final.fine)
-    load = choose_initial_load(task, final)
-    nominal, held = problem.held.nominal, problem.held.evidence.with_initial_loads(load)
+    nominal, held = problem.held.nominal, assume_initial_loads(problem.held, task, final)
     effects, factors = final.effects, dict(final.factors)
     named = with_timestep(nominal, task.timestep)
     whole = all(effect.in_model for effect in effects)
     if whole:
         write_model(folder, nominal, effects, factors, task.timestep)
     else:
-        whole = write_nearest(problem, final, folder, problem.train.evidence.with_initial_loads(load), named)
+        whole = write_nearest(problem, final, folder, assume_initial_loads(problem.train, task, final), named)
     write_effects(folder, effects, factors, whole, nominal.slides)
     written = Nominal.load(folder / MODEL, held).predict(held)
     return HeldOutResult(
@@ -87,7 +87,7 @@ def predict_held(problem: Problem, final: FinalFit) -> np.ndarray:
     """Return a hypothesis' predictions of the held-out episodes at its timestep [rad; m], shape (E, T, n)."""
     task = replace(problem.train, fine=final.fine)
     nominal = with_timestep(problem.held.nominal, task.timestep)
-    held = problem.held.evidence.with_initial_loads(choose_initial_load(task, final))
+    held = assume_initial_loads(problem.held, task, final)
     return nominal.predict(held, final.effects, dict(final.factors))
 
 
@@ -140,6 +140,16 @@ def generate_written_forms(problem: Problem, final: FinalFit) -> Iterator[list[E
         known = [form for form in forms if form is not None]
         if len(known) == len(forms):
             yield known
+
+
+def assume_initial_loads(part: FitTask, task: FitTask, final: FinalFit) -> EpisodeBatch:
+    """Return the episodes of a part with initial loads that suit a final fit.
+
+    The setpoint of a servo that is commanded a velocity has no start that suits all episodes: each has its own.
+    """
+    if has_setpoints(task.nominal.simulator()):
+        return part.estimate_initial_loads(final.effects, dict(final.factors)).evidence
+    return part.evidence.with_initial_loads(choose_initial_load(task, final))
 
 
 def choose_initial_load(task: FitTask, final: FinalFit) -> InitialLoad:

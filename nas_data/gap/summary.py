@@ -15,6 +15,9 @@ VERDICTS = {
     "unexplained": "Unexplained: no effect in the catalogue accounts for the gap.",
 }
 
+RETUNED_FAR = (
+    "No effect is named: parameters that the model has bring the gap to the noise, but they change by more than 25 %."
+)
 MOST_RETUNED = 6  # most base parameters listed, those that changed most
 DELIVERED = {
     "names and plain": "model.xml holds the names and all that the plain fit changes: the names alone predict worse.",
@@ -35,7 +38,7 @@ def summarise(report: GapReport, folder: Path) -> str:
 def list_findings(report: GapReport) -> list[str]:
     """Return verdict, names, remaining errors and next experiment, a line each."""
     gap, found = report.gap, report.find
-    lines = [VERDICTS.get(report.verdict, f"Verdict: {report.verdict}.")]
+    lines = [describe_verdict(report)]
     if found:
         lines += found.undecidable
         lines += [check.finding for check in found.audit if check.check == "model" and not check.ok]
@@ -59,6 +62,13 @@ def list_findings(report: GapReport) -> list[str]:
     if report.next_experiment:
         lines.append(f"record next: {report.next_experiment}")
     return lines
+
+
+def describe_verdict(report: GapReport) -> str:
+    """Return the verdict as a sentence."""
+    if report.verdict == "retuned" and any(entry.is_large for entry in report.retuned):
+        return RETUNED_FAR
+    return VERDICTS.get(report.verdict, f"Verdict: {report.verdict}.")
 
 
 def describe_errors(gap: GapErrors) -> str:

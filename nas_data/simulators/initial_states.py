@@ -11,6 +11,7 @@ from nas_data.simulators.controls import CONTROLLERS, length_feedback
 from nas_data.simulators.layout import Layout
 from nas_data.simulators.rest_states import has_memory, settle_actuator
 
+INTEGRATOR = int(mujoco.mjtDyn.mjDYN_INTEGRATOR)
 WEIGHTLESS = 1e-4  # [N m] largest load that does not push play to one side
 
 
@@ -75,6 +76,9 @@ class SettledStates:
         self.stiffness, self.gear, gain, constant = np.array(feedbacks).reshape(-1, 4).T
         self.holding = layout.inputs.positional & (self.stiffness > 0)
         own = gain * layout.inputs.zero  # force that only defines the zero of the control's unit
+        integrated = np.array([model.actuator_dyntype[a] == INTEGRATOR for a in layout.inputs.actuators], bool)
+        self.setpoints = np.flatnonzero(integrated & (self.stiffness > 0))
+        self.gain = gain
         self.rest = np.divide(constant + own, self.stiffness * self.gear, out=np.zeros_like(own), where=self.holding)
 
     def __call__(
@@ -115,6 +119,7 @@ class SettledStates:
         data.ctrl[:] = self.layout.controls(holding, state)
         for actuator in self.stateful:
             settle_actuator(model, data, actuator)
+        self.load_setpoints(loads, initial_loads, state[n : 2 * n])
         if len(earlier_commands) and np.isfinite(earlier_commands).all():
             self.fill_delays(self.layout.controls(earlier_commands, state[None]))
         data.qvel[self.layout.dof] = state[n : 2 * n]
@@ -161,6 +166,26 @@ class SettledStates:
                 turned = float(np.clip(turned, low, high)) if stiffness > 0 else pushed
             data.qpos[address] = turned
             data.qpos[own] -= turned
+
+    def load_setpoints(self, loads: np.ndarray, initial_loads: np.ndarray, velocities: np.ndarray) -> None:
+        """Move the setpoints of integrated-velocity servos ahead of their joints, so that they hold a load.
+
+        At a constant speed, damping of joint and servo is a load, too. Setpoints of servos without load stay where
+        their joints are.
+
+        Args:
+            loads: Torques that the servos hold [N m; N], shape (n,).
+            initial_loads: Assumed `InitialLoad` of each joint, shape (n,).
+            velocities: Initial velocities [rad/s; m/s], shape (n,).
+        """
+        model, data = self.model, self.data
+        for index in self.setpoints:
+            if initial_loads[index] != InitialLoad.UNLOADED:
+                actuator, gear = self.layout.inputs.actuators[index], self.gear[index]
+                damping = float(model.dof_damping[self.layout.dof[index]])
+                damping -= float(model.actuator_biasprm[actuator, 2]) * gear**2
+                force = (float(loads[index]) + damping * float(velocities[index])) / gear
+                data.act[model.actuator_actadr[actuator]] += force / self.gain[index]
 
     def holding_commands(self, loads: np.ndarray) -> np.ndarray:
         """Return the commanded positions (n,) at which the servos hold the loads (n,); saturation is neglected.

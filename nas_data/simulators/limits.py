@@ -73,8 +73,9 @@ def excitable_limits(
     """
     for joint, kind, span in zip(joints, kinds, high - low, strict=True):
         if not np.isfinite(span) and kind != POSITION:
+            quantity = "speed" if kind != EFFORT else "force" if joint in slides else "torque"
             raise OptionError(
-                f"The {'torque' if kind == EFFORT else 'speed'} of {joint} has no limits; give its actuator a "
+                f"The {quantity} of {joint} has no limits; give its actuator a "
                 "ctrlrange, or play a file of commands (--commands)."
             )
         if not np.isfinite(span) and joint in slides:

@@ -167,6 +167,13 @@ def test_measured_velocities_and_a_clock_are_taken_as_they_are(log):
     np.testing.assert_allclose(made.columns["nas.time"][:, 0], np.arange(70) / 50)
 
 
+def test_each_joint_may_be_commanded_in_a_kind_of_its_own():
+    rows, kinds = np.linspace(0, 0.02, 90).reshape(30, 3), ["position", "torque", "velocity"]
+    made = nas.Dataset.from_arrays(rows, rows, rate=50, joints=("a", "b", "c"), slides=("b",), kind=kinds)
+    assert made.kinds == (".pos", ".effort", ".vel")
+    assert made.features["action"].units == ("rad", "N", "rad/s")
+
+
 @pytest.mark.parametrize(
     ("changes", "error", "words"),
     [
@@ -175,6 +182,7 @@ def test_measured_velocities_and_a_clock_are_taken_as_they_are(log):
         ({"slides": ["z"]}, JointMismatch, "slides name 'z'"),
         ({"rate": 0}, OptionError, "control rate"),
         ({"kind": "effort"}, OptionError, "position, velocity, torque"),
+        ({"kind": ["velocity", "torque"]}, OptionError, "one kind, or one for each joint: pendulum"),
         ({"commands": np.zeros((4, 60, 1))}, DatasetInvalid, "71 rows of positions and 60 of commands"),
         ({"commands": np.zeros((3, 70, 1))}, DatasetInvalid, "positions are of 4 episodes, the commands of 3"),
         ({"positions": np.full((4, 71, 1), np.nan)}, DatasetInvalid, "in memory.* is nan in episode 0"),

@@ -9,8 +9,10 @@ import pytest
 
 from nas_data.cli import main
 from nas_data.effects.base import parse
+from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.exporting import bam
 from nas_data.gap.exporting.identified import list_quantities, read_intervals
+from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
 
 ARM = """<mujoco><compiler angle="radian" autolimits="true"/><option timestep="0.002" integrator="implicitfast"/>
@@ -60,7 +62,7 @@ def test_what_an_effect_adds_stands_beside_what_the_joint_has_with_the_interval_
     found = quantities(arm, *effects, report=report_json(*effects), tmp=tmp_path)
     expected = {
         ("a", "gain"): (4.4, "N·m/rad", None),
-        ("a", "damping"): (0.2, "N·m·s/rad", None),
+        ("a", "servo_damping"): (0.2, "N·m·s/rad", None),
         ("a", "armature"): (0.002, "kg·m²", None),
         ("a", "dry_friction"): (0.03, "N·m", (0.028, 0.034)),
         ("a", "viscous_friction"): (0.08, "N·m·s/rad", (0.077, 0.086)),
@@ -68,14 +70,46 @@ def test_what_an_effect_adds_stands_beside_what_the_joint_has_with_the_interval_
         ("a", "load_friction"): (0.2, "", (0.18, 0.24)),
         ("a", "backlash"): (0.02, "rad", (0.018, 0.024)),
         ("b", "gain"): (200, "N/m", None),
-        ("b", "damping"): (2, "N·s/m", None),
+        ("b", "servo_damping"): (2, "N·s/m", None),
         ("b", "viscous_friction"): (1, "N·s/m", None),
+        ("a", "mass"): (0.05, "kg", None),
+        ("b", "mass"): (0.03, "kg", None),
         (None, "command_delay"): (0.02, "s", (0.018, 0.024)),
     }
     assert found.keys() == expected.keys()
     for key, (value, unit, interval) in expected.items():
         assert found[key].value == pytest.approx(value) and found[key].unit == unit, key
         assert found[key].interval == (None if interval is None else pytest.approx(interval)), key
+
+
+SPEEDS = """<mujoco><compiler angle="radian" autolimits="true"/>
+<worldbody><body pos="0 0 0.5"><joint name="a" axis="0 1 0"/><geom size="0.05" mass="0.2"/>
+<body pos="0.15 0 0"><joint name="b" type="slide" axis="1 0 0" damping="1"/><geom size="0.02" mass="0.1"/></body></body>
+</worldbody><actuator><intvelocity joint="a" kp="4" kv="0.2"/><velocity joint="b" kv="30" forcerange="-5 5"/></actuator>
+</mujoco>"""
+
+
+def test_a_velocity_servos_feedback_is_its_gain_and_changed_masses_and_payloads_are_listed(tmp_path):
+    (tmp_path / "arm.xml").write_text(SPEEDS)
+    nominal = Nominal.load(tmp_path / "arm.xml", motionless(("a", "b")))
+    effects = [parse("servo_damping:joint=b,factor=0.5"), parse("payload:mass=0.3")]
+    limit = parse("torque_limit:joint=b,torque=2")
+    found = list_quantities(nominal, [*effects, limit], {"b.mass": 1.2, "a.gain": 1.1}, {})
+    assert {(q.joint, q.name): (round(q.value, 9), q.unit) for q in found} == {
+        ("a", "gain"): (4.4, "N·m/rad"),
+        ("a", "servo_damping"): (0.2, "N·m·s/rad"),
+        ("a", "mass"): (0.2, "kg"),
+        ("b", "velocity_gain"): (15.0, "N·s/m"),
+        ("b", "viscous_friction"): (1.0, "N·s/m"),
+        ("b", "torque_limit"): (2.0, "N"),
+        ("b", "mass"): (0.12, "kg"),
+        (None, "payload"): (0.3, "kg"),
+    }
+
+
+def motionless(joints: tuple[str, ...]) -> EpisodeBatch:
+    rows = np.zeros((1, 10, len(joints)))
+    return EpisodeBatch(joints, 0.02, rows[:, 0], rows, rows, np.ones((1, 10), bool), np.arange(1))
 
 
 def test_intervals_of_another_report_are_not_taken(arm, tmp_path):
@@ -97,7 +131,7 @@ def test_bam_s_motor_gives_the_torque_of_the_servo(limit, arm):
 
 
 def test_frictions_are_those_of_bam_s_models():
-    own = {"gain": 4.0, "damping": 0.2, "dry_friction": 0.05}
+    own = {"gain": 4.0, "servo_damping": 0.2, "dry_friction": 0.05}
     own |= {"stribeck_friction.torque": 0.1, "stribeck_friction.kinetic_ratio": 0.4}
     own |= {"stribeck_friction.stribeck_velocity": 0.3, "load_friction": 0.2}
     content, _ = bam.convert_parameters(own)
@@ -108,7 +142,7 @@ def test_frictions_are_those_of_bam_s_models():
     friction += fall * content["friction_stribeck"]
     kinetic = 0.05 - 0.1 * 0.4  # what the joint has itself
     assert friction == pytest.approx(kinetic + 0.1 * (0.4 + 0.6 * math.exp(-((0.2 / 0.3) ** 2))) + 0.2 * 0.7)
-    assert bam.convert_parameters({"gain": 4.0, "damping": 0.2, "load_friction": 0.2})[0]["model"] == "m3"
+    assert bam.convert_parameters({"gain": 4.0, "servo_damping": 0.2, "load_friction": 0.2})[0]["model"] == "m3"
     without = {key: own[key] for key in own if key != "load_friction"}
     assert bam.convert_parameters(without)[0]["model"] == "m2"
 

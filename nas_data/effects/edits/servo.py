@@ -34,6 +34,41 @@ def position_servo(spec: mujoco.MjSpec, joint: str, effect: str) -> mujoco.MjsAc
     return actuator
 
 
+def gain_servo(spec: mujoco.MjSpec, joint: str, effect: str) -> mujoco.MjsActuator:
+    """Return the servo with position feedback of a joint: a position servo, or one that integrates a velocity.
+
+    Args:
+        spec: Model.
+        joint: Name of the joint.
+        effect: Name of the effect, for the error.
+
+    Raises:
+        JointMismatch: no actuator drives the joint.
+        ModelFileError: its actuator has no position feedback.
+    """
+    actuator = joint_actuator(spec, joint)
+    if feedback(actuator) <= 0:
+        raise ModelFileError(
+            f"{effect} acts on a servo with position feedback; the actuator '{actuator.name}' of the joint '{joint}' "
+            "has none: give a model whose actuators are <position>, <pid> or <intvelocity>."
+        )
+    return actuator
+
+
+def speed_servo(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsActuator | None:
+    """Return the actuator of a joint that is commanded a speed; None if it is commanded anything else."""
+    actuator = joint_actuator(spec, joint)
+    if feedback(actuator) > 0:
+        return None if takes_position(actuator) else actuator
+    return actuator if takes_velocity(actuator) else None
+
+
+def is_velocity_servo(spec: mujoco.MjSpec, joint: str) -> bool:
+    """Whether a joint's actuator has velocity feedback only, and is commanded a speed."""
+    servo = speed_servo(spec, joint)
+    return servo is not None and feedback(servo) <= 0 and damping(spec, joint) > 0
+
+
 def takes_position(actuator: mujoco.MjsActuator) -> bool:
     """Whether the control of an actuator with position feedback is a position, and not the speed of its setpoint."""
     if actuator.gaintype == mujoco.mjtGain.mjGAIN_PID and actuator.ctrlspec:
@@ -46,6 +81,14 @@ def takes_velocity(actuator: mujoco.MjsActuator) -> bool:
     gain, velocity_feedback = float(actuator.gainprm[0]), -float(actuator.biasprm[2])
     declared = actuator.ctrlspec > 0 and bool(actuator.ctrlspec & int(mujoco.mjtCtrlInput.mjINPUT_VEL))
     return declared or math.isclose(gain, velocity_feedback, rel_tol=ALIKE)
+
+
+def control_per_speed(actuator: mujoco.MjsActuator) -> float:
+    """Return the control of an actuator that is commanded a speed, per speed of its joint [s/rad · unit of control]."""
+    gain, gear = float(actuator.gainprm[0]), float(actuator.gear[0])
+    if actuator.gaintype == mujoco.mjtGain.mjGAIN_PID:
+        return gear
+    return gear * (feedback(actuator) or -float(actuator.biasprm[2])) / gain
 
 
 def take_own_unit(spec: mujoco.MjSpec, joint: str, actuator: mujoco.MjsActuator) -> None:
@@ -80,7 +123,10 @@ def stiffness(spec: mujoco.MjSpec, joint: str) -> float:
 
 
 def damping(spec: mujoco.MjSpec, joint: str) -> float:
-    """Return the velocity feedback of a joint's servo [N·m·s/rad]; negative for a damping ratio."""
+    """Return the velocity feedback of a joint's servo [N·m·s/rad]; negative for a damping ratio.
+
+    It is the gain of a velocity servo.
+    """
     actuator = find_part(spec, joint, DAMPING)
     return -float(actuator.biasprm[2]) * float(actuator.gear[0]) ** 2
 
@@ -104,10 +150,10 @@ def scale_damping(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
     """
     actuator = find_part(spec, joint, DAMPING)
     bias = actuator.biasprm.copy()
-    is_velocity_servo = not bias[1] and actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED and takes_velocity(actuator)
+    scales_command = not bias[1] and actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED and takes_velocity(actuator)
     bias[2] *= factor
     actuator.biasprm = bias
-    if is_velocity_servo:
+    if scales_command:
         gain = actuator.gainprm.copy()
         gain[0] *= factor
         actuator.gainprm = gain

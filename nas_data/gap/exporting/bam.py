@@ -33,7 +33,8 @@ PLAIN = {  # our name: BAM's
     "command_delay": "command_delay",
     "viscous_friction": "friction_viscous",
 }
-KEPT = {*PLAIN, "gain", "damping", "torque_limit", "dry_friction", "load_friction"}
+KEPT = {*PLAIN, "gain", "servo_damping", "torque_limit", "dry_friction", "load_friction"}
+OF_LINKS = {"mass"}  # quantities that are no part of a servo, and stay in model.xml
 STRIBECK = {"stribeck_friction.torque", "stribeck_friction.kinetic_ratio", "stribeck_friction.stribeck_velocity"}
 
 
@@ -78,8 +79,8 @@ def convert_parameters(own: Mapping[str, float]) -> tuple[dict[str, str | float]
         content["load_friction_base"] = own["load_friction"] / 2
     if has_stribeck and has_load:
         content["load_friction_stribeck"] = 0.0
-    lost = sorted(own.keys() - KEPT - (STRIBECK if has_stribeck else set()))
-    gain, feedback, limit = (own.get(name, 0.0) for name in ("gain", "damping", "torque_limit"))
+    lost = sorted(own.keys() - KEPT - OF_LINKS - (STRIBECK if has_stribeck else set()))
+    gain, feedback, limit = (own.get(name, 0.0) for name in ("gain", "servo_damping", "torque_limit"))
     if gain and feedback:
         per_volt = limit / (VOLTAGE * LARGEST_DUTY) if limit else gain / (VOLTAGE * FIRMWARE_GAIN * ERROR_GAIN)
         content["kt"] = feedback / per_volt

@@ -9,7 +9,7 @@ from pathlib import Path
 import mujoco
 
 from nas_data.effects.base import Effect, Parameter, add_effects, make_effect
-from nas_data.effects.edits.servo import damping, stiffness, torque_limit
+from nas_data.effects.edits.servo import damping, is_velocity_servo, stiffness, torque_limit
 from nas_data.errors import OptionError
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.report import REPORT
@@ -22,12 +22,16 @@ ROUNDING = 1e-9  # relative difference up to which values are equal
 ALIKE = 1e-3  # relative difference up to which a report's value is that of an effects.json
 UNITS = {
     "gain": "N·m/rad",
-    "damping": "N·m·s/rad",
+    "servo_damping": "N·m·s/rad",
+    "velocity_gain": "N·m·s/rad",
     "armature": "kg·m²",
     "dry_friction": "N·m",
     "viscous_friction": "N·m·s/rad",
     "torque_limit": "N·m",
-}  # quantities of every joint, units at a hinge; `damping` is the servo's velocity feedback
+    "mass": "kg",
+}
+# Quantities of every joint, units at a hinge. The velocity feedback of a servo is `velocity_gain` if it is all that the
+# servo has, and `servo_damping` beside a gain. `mass` is that of the bodies that no later joint moves.
 
 Interval = tuple[float, float]
 Intervals = Mapping[tuple[str, str | None, str], Interval]  # by effect, joint and parameter
@@ -67,11 +71,14 @@ def list_quantities(
         intervals: Known intervals of the effects' parameters.
     """
     spec = nominal.make_spec(factors)
+    moved = {parameter.joint: parameter.bodies for parameter in nominal.base if parameter.kind == "mass"}
     found: list[Quantity] = []
     for joint in (*nominal.joints, None):
         own = [effect for effect in effects if effect.joint == joint]
         if joint is not None:
             found += _of_joint(spec, joint, own, intervals, joint in nominal.slides)
+            mass = sum(float(spec.body(name).mass) for name in moved.get(joint, ()))
+            found += [Quantity(joint, "mass", UNITS["mass"], mass, None)] if mass else []
         for effect in own:
             found += _of_effect(spec, effect, intervals, joint in nominal.slides)
     return found
@@ -118,10 +125,12 @@ def _numbers(spec: mujoco.MjSpec, joint: str, effects: Sequence[Effect]) -> dict
     """Return the quantities of a joint with some effects."""
     edited = spec.copy()
     add_effects(edited, effects)
-    element = edited.joint(joint)
+    element, feedback = edited.joint(joint), max(damping(edited, joint), 0.0)
+    speeds_only = is_velocity_servo(edited, joint)
     return {
         "gain": max(stiffness(edited, joint), 0.0),
-        "damping": max(damping(edited, joint), 0.0),
+        "servo_damping": 0.0 if speeds_only else feedback,
+        "velocity_gain": feedback if speeds_only else 0.0,
         "armature": float(element.armature),
         "dry_friction": float(element.frictionloss),
         "viscous_friction": float(element.damping[0]),
@@ -150,7 +159,7 @@ def _of_joint(
     return [
         Quantity(joint, name, unit_at(unit, slide), value[name], (low[name], high[name]) if name in known else None)
         for name, unit in UNITS.items()
-        if value[name] > 0 and math.isfinite(value[name])
+        if 0 < value.get(name, 0.0) < math.inf
     ]
 
 

@@ -138,8 +138,8 @@ def mix_starts(
 
 
 def list_starting_factors(freed: frozenset[str]) -> Sequence[dict[str, float]]:
-    """Return initial factors of gains, servo damping and filters."""
-    gains = FACTORS if any(name.endswith(".gain") for name in freed) else (1.0,)
+    """Return initial factors of gains, servo damping (the gain of a velocity servo) and filters."""
+    gains = FACTORS if any(name.endswith((".gain", ".servo_damping")) for name in freed) else (1.0,)
     dampings = (
         (0.0, 0.5, 1.0) if any(name.endswith(".servo_damping") for name in freed) else (0.0,)
     )  # powers of the gain

@@ -5,7 +5,7 @@ import numpy as np
 
 from nas_data.dataset.features import EFFORT, POSITION
 from nas_data.effects.base import Scales, joint_actuator
-from nas_data.effects.edits.servo import damping, stiffness
+from nas_data.effects.edits.servo import damping, is_velocity_servo, stiffness
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal
 from nas_data.joint_units import radians_at
@@ -47,7 +47,16 @@ def estimate_joint_scales(
     limit = min(float(np.abs(each).max()) or np.inf for each in ranges)
     torque = min(limit, float(np.percentile(pulls, 98)))
     stiffest = gain or max(torque, 1e-4) / radian
-    return Scales(stiffest, losses, inertia, mass, max(torque, 1e-4), max(speed, 1e-2 * radian), radian)
+    return Scales(
+        stiffness=stiffest,
+        damping=losses,
+        inertia=inertia,
+        mass=mass,
+        torque=max(torque, 1e-4),
+        speed=max(speed, 1e-2 * radian),
+        radian=radian,
+        velocity_servo=is_velocity_servo(nominal.spec, joint),
+    )
 
 
 def find_radian(nominal: Nominal, model: mujoco.MjModel, evidence: EpisodeBatch, index: int) -> float:

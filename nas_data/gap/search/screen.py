@@ -43,7 +43,8 @@ class Candidate:
 
 def generate_candidates(joints: Sequence[str], sizes: Sequence[Scales]) -> Iterator[Effect]:
     """Yield every effect of the catalogue at every joint and initial guess."""
-    mean = Scales(*(float(np.mean([getattr(s, f) for s in sizes])) for f in Scales.__dataclass_fields__))
+    numbers = [name for name in Scales.__dataclass_fields__ if name != "velocity_servo"]
+    mean = Scales(*np.mean([[float(getattr(size, name)) for name in numbers] for size in sizes], axis=0))
     for name in registry.names("effects"):
         kind = find_effect(name)
         places: list[tuple[str | None, Scales]] = [*zip(joints, sizes, strict=True)] if kind.per_joint else []

@@ -134,6 +134,13 @@ class Search:
         found = fit(self.task, parameters, parameters.initial_theta(factors), known, steps, jacobian_refreshes)
         return None if found is None else self.evaluate(description, found)
 
+    def ends_with_equivalent(self, h: Hypothesis) -> bool:
+        """Whether another effect is named instead of the last one, because it is equivalent."""
+        last = h.effects[-1]
+        if last.joint is None:
+            return False
+        return last.has_preferred_equivalent(self.scales[self.train.nominal.joints.index(last.joint)])
+
     def evaluate_loss(self, description: Description, factors: dict[str, float]) -> Score:
         """Return the loss of a description at its values."""
         parameters = description.parameters(self.train.nominal.base)

@@ -45,8 +45,9 @@ def describe_retuned(report: GapReport) -> str:
     """Describe that parameters of the model were retuned."""
     count = len(report.retuned)
     numbers = "one number that it already has" if count == 1 else f"{count} numbers that it already has"
+    first = "No effect is named" if any(entry.is_large for entry in report.retuned) else "Nothing is missing"
     return (
-        f"Nothing is missing: {describe_model(report)} only needs {numbers} changed, by at most "
+        f"{first}: {describe_model(report)} only needs {numbers} changed, by at most "
         f"{find_largest_change(report):.0f} %, and the "
         f"error on held-out episodes {describe_drop(report)}, close to the noise of the readings, "
         f"{format_error(report.gap, 'noise_floor')}."

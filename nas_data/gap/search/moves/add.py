@@ -125,7 +125,7 @@ def fit_candidates(search: Search, kept: Hypothesis, around: Fit, candidates: Se
         return search.fit_description(add_candidate(kept, around, c), factors, around, steps=2)
 
     quick = side_by_side(fit_briefly, candidates)
-    ranked = sorted((h for h in quick if h and not h.effects[-1].has_preferred_equivalent), key=lambda h: h.score)
+    ranked = sorted((h for h in quick if h and not search.ends_with_equivalent(h)), key=lambda h: h.score)
     ahead = [h for h in ranked if h.score < ranked[0].score + FAR_BEHIND][:TRIED]
     thorough = side_by_side(lambda h: optional_parameters.apply(search, search.fit_further(h)), ahead)
     return sorted([*thorough, *ranked[len(ahead) :]], key=lambda h: h.score)

@@ -30,9 +30,7 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
         near = [c for c in found if c.effect.joint and effect.joint][:SWAPPED]
         others = [c for c in near if c.loss.over(kept_loss) < FAR_BEHIND and c not in own] + own
         quick = side_by_side(partial(fit_briefly, search, rest), others)
-        ranked = sorted(
-            (o for o in quick if o and not o.effects[-1].has_preferred_equivalent), key=lambda other: other.score
-        )
+        ranked = sorted((o for o in quick if o and not search.ends_with_equivalent(o)), key=lambda other: other.score)
         best = search.fit_further(ranked[0]) if ranked else None
         if best and best.score < h.score:
             search.rivals.setdefault(effect_key(best.effects[-1]), []).append(effect)
