@@ -9,7 +9,9 @@ import numpy as np
 
 from nas_data.count_of import count_of
 from nas_data.dataset.audits.base import AuditFinding
+from nas_data.dataset.carried import VIDEO_LEFT_OUT, Carried, shared_features
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.descriptions import kind_of
 from nas_data.dataset.features import (
     ACTION,
     ENVIRONMENT,
@@ -82,8 +84,11 @@ def import_logs(paths: Sequence[Path], mapping: Map, progress: Callable[[str], N
     raise_audit_errors(findings)
     ready = [_finish(recording, mapping) for recording in recordings]
     dataset = _dataset(ready, mapping)
+    if mapping.layout.format == "lerobot":
+        dataset, lost = _with_rest(dataset, ready, mapping)
+        findings += lost
     return Import(
-        dataset=_with_rest(dataset, ready, mapping) if mapping.layout.format == "lerobot" else dataset,
+        dataset=dataset,
         provenance=_provenance(logs, ready, mapping, findings),
         attachments={MAP_ATTACHMENT: mapping.text.encode()},
         findings=tuple(findings),
@@ -186,8 +191,14 @@ def _dataset(recordings: Sequence[Recording], mapping: Map) -> Dataset:
     )
 
 
-def _with_rest(dataset: Dataset, recordings: Sequence[Recording], mapping: Map) -> Dataset:
-    """Add the other features of LeRobot datasets: vectors, and passed-through data such as videos."""
+def _with_rest(
+    dataset: Dataset, recordings: Sequence[Recording], mapping: Map
+) -> tuple[Dataset, Sequence[AuditFinding]]:
+    """Add the other features of LeRobot datasets: vectors, and passed-through data such as videos.
+
+    Returns:
+        The dataset, and a finding on each passed-through feature that is left out.
+    """
     sources = {file: read(resolve(Path(file))) for file in dict.fromkeys(recording.file for recording in recordings)}
     first, *others = sources.values()
     used = {STATE, ACTION, NEXT_STATE, SIM_STATE, TIME, *dataset.features}
@@ -199,13 +210,37 @@ def _with_rest(dataset: Dataset, recordings: Sequence[Recording], mapping: Map) 
         if key == ENVIRONMENT:
             rows = [sources[recording.file].columns[key][recording.rows[1:]] for recording in recordings]
             dataset = dataset.with_column(f"next.{key}", first.features[key], np.concatenate(rows))
-    if mapping.resample or mapping.fps != first.fps:
-        return dataset  # video frames are stored at the rate of the source
+    if mapping.task == "{task}" and not mapping.resample:
+        told = [sources[recording.file].task_of_frame[recording.rows[:-1]] for recording in recordings]
+        dataset = replace(dataset, frame_tasks=np.concatenate(told))
     carried = [
         source.carried and source.carried.take(np.concatenate([r.rows[:-1] for r in recordings if r.file == file]))
         for file, source in sources.items()
     ]
-    return replace(dataset, carried=merge_carried(carried))
+    kept = None if mapping.resample else merge_carried(carried)
+    if kept is not None and mapping.fps != first.fps:
+        kept = kept.without_videos()
+    return replace(dataset, carried=kept), _report_lost(recordings, carried, kept, mapping)
+
+
+def _report_lost(
+    recordings: Sequence[Recording], carried: Sequence[Carried | None], kept: Carried | None, mapping: Map
+) -> list[AuditFinding]:
+    """Return a finding on each passed-through feature that is left out."""
+    everything = {key: entry for part in carried if part for key, entry in part.features.items()}
+    shared = shared_features(carried)
+    found = []
+    for key, entry in everything.items():
+        if kept is not None and key in kept.features:
+            continue
+        if mapping.resample:
+            reason = "the rows are resampled, and it belongs to those that were recorded"
+        elif key not in shared:
+            reason = "not every dataset has it, or not all store it alike; import them one at a time to keep it"
+        else:
+            reason = VIDEO_LEFT_OUT
+        found.append(AuditFinding("left_out", recordings[0].file, f"'{key}' ({kind_of(entry)}) is left out: {reason}"))
+    return found
 
 
 def _states(recording: Recording) -> np.ndarray:
