@@ -20,7 +20,7 @@ from nas_data.dataset.parquet import open_parquet, read_parquet, try_parquet
 from nas_data.dataset.videos import VIDEO, VIDEO_PATH, Clip, VideoPlace
 from nas_data.errors import DatasetInvalid
 
-VIDEO_LEFT_OUT = "LeRobot finds its pictures by the rate that it was filmed at, and the dataset has another now"
+VIDEO_LEFT_OUT = "LeRobot finds pictures by the rate at which they were filmed, and the dataset has another now"
 
 
 @dataclass(frozen=True)

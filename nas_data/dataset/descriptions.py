@@ -21,6 +21,12 @@ def kind_of(entry: Description) -> str:
     return f"{entry.get('dtype')} of shape {entry.get('shape')}{depth}"
 
 
+def left_out(features: Mapping[str, Description], reason: str) -> str:
+    """Return a sentence without its full stop on features that are not passed through."""
+    names = ", ".join(f"'{key}' ({kind_of(entry)})" for key, entry in features.items())
+    return f"left out: {names}, because {reason}"
+
+
 def is_depth(entry: Description) -> bool:
     """Whether a camera measures depth, by LeRobot's own rule."""
     return any(_info(entry, key).get(mark) for key in ("info", "video_info") for mark in DEPTH_MARKS)

@@ -13,6 +13,7 @@ from nas_data.dataset.carried import Carried
 from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import Derived, attachments, unknown_provenance
+from nas_data.dataset.descriptions import left_out
 from nas_data.dataset.episode_checks import EpisodeEntry, find_untrusted, read_episode_table
 from nas_data.dataset.features import Feature
 from nas_data.dataset.filmed import FilmedSource
@@ -221,10 +222,8 @@ def _carried(
             reason = str(error).rstrip(".")
     if not keys:
         return None, []
-    names = ", ".join(f"'{key}' ({kind})" for key, kind in keys.items())
-    return None, [
-        f"left out: {names}, because {reason}; what there is of it lies in {root / 'videos'} and {root / 'data'}"
-    ]
+    lost = left_out({key: layout.described(info)[key] for key in keys}, reason)
+    return None, [f"{lost}; what there is of it lies in {root / 'videos'} and {root / 'data'}"]
 
 
 def _tasks(root: Path, found: Salvage, known: Mapping[int, EpisodeEntry]) -> dict[int, str]:

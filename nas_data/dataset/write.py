@@ -162,8 +162,11 @@ def data_file(columns: Mapping[str, np.ndarray], dataset: Dataset, episodes: ran
     metadata = _huggingface(columns, carried.huggingface() if carried else {})
     table = pa.table({**arrays, **further}).replace_schema_metadata(metadata)
     stream = pa.BufferOutputStream()
-    # Dictionaries make files of floats larger and twice as slow; LeRobot filters episodes by episode_index only.
-    with pq.ParquetWriter(stream, table.schema, use_dictionary=False, write_statistics=["episode_index"]) as writer:
+    # Dictionaries make files of floats larger and twice as slow, those of messages that every frame repeats ten times
+    # smaller. LeRobot filters episodes by episode_index only.
+    repeated: list[str] | bool = [path for key in further for path in _texts_of(table.schema.field(key).type, key)]
+    options = {"use_dictionary": repeated or False, "write_statistics": ["episode_index"]}
+    with pq.ParquetWriter(stream, table.schema, **options) as writer:
         sizes = lengths[episodes.start : episodes.stop]
         breaks = [0, *(np.flatnonzero(np.diff(sizes)) + 1).tolist(), len(sizes)]
         row = 0
@@ -172,6 +175,19 @@ def data_file(columns: Mapping[str, np.ndarray], dataset: Dataset, episodes: ran
             writer.write_table(table.slice(row, rows), row_group_size=int(sizes[start]))
             row += rows
     return memoryview(stream.getvalue())
+
+
+def _texts_of(kind: pa.DataType, path: str) -> Iterator[str]:
+    """Yield the path of each text in a column."""
+    if isinstance(kind, pa.BaseExtensionType):
+        yield from _texts_of(kind.storage_type, path)
+    elif pa.types.is_list(kind):
+        yield from _texts_of(kind.value_type, f"{path}.list.element")
+    elif pa.types.is_struct(kind):
+        for field in kind:
+            yield from _texts_of(field.type, f"{path}.{field.name}")
+    elif pa.types.is_string(kind):
+        yield path
 
 
 def _arrow(column: np.ndarray) -> pa.Array:

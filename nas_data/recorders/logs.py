@@ -11,7 +11,7 @@ from nas_data.count_of import count_of
 from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.carried import VIDEO_LEFT_OUT, Carried, shared_features
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.descriptions import kind_of
+from nas_data.dataset.descriptions import left_out
 from nas_data.dataset.features import (
     ACTION,
     ENVIRONMENT,
@@ -226,21 +226,20 @@ def _with_rest(
 def _report_lost(
     recordings: Sequence[Recording], carried: Sequence[Carried | None], kept: Carried | None, mapping: Map
 ) -> list[AuditFinding]:
-    """Return a finding on each passed-through feature that is left out."""
+    """Return a finding on the passed-through features that are left out, for each reason."""
     everything = {key: entry for part in carried if part for key, entry in part.features.items()}
-    shared = shared_features(carried)
-    found = []
-    for key, entry in everything.items():
-        if kept is not None and key in kept.features:
-            continue
-        if mapping.resample:
-            reason = "the rows are resampled, and it belongs to those that were recorded"
-        elif key not in shared:
-            reason = "not every dataset has it, or not all store it alike; import them one at a time to keep it"
-        else:
-            reason = VIDEO_LEFT_OUT
-        found.append(AuditFinding("left_out", recordings[0].file, f"'{key}' ({kind_of(entry)}) is left out: {reason}"))
-    return found
+    lost = {key: entry for key, entry in everything.items() if kept is None or key not in kept.features}
+    shared = set(shared_features(carried))
+    reasons = {
+        "they belong to the rows that were recorded, which are resampled": lost if mapping.resample else {},
+        "not every dataset has them, or not all store them alike": {} if mapping.resample else lost.keys() - shared,
+        VIDEO_LEFT_OUT: {} if mapping.resample else lost.keys() & shared,
+    }
+    file = recordings[0].file
+    sentences = [
+        left_out({key: lost[key] for key in lost if key in keys}, why) for why, keys in reasons.items() if keys
+    ]
+    return [AuditFinding("left_out", file, sentence) for sentence in sentences]
 
 
 def _states(recording: Recording) -> np.ndarray:
