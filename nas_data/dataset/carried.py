@@ -148,13 +148,14 @@ class Carried:
         self, starts: np.ndarray, lengths: np.ndarray, fps: float
     ) -> list[tuple[np.ndarray, np.ndarray]] | None:
         """Return each frame's episode in the source's clock and in its own [s]; None where no clock was moved."""
-        clocks, moved = [], False
-        for start, length in zip(starts, lengths, strict=True):
-            source, row = self._source_of(int(self.rows[start]))
-            before, stamps = source.stamps(row)
-            moved |= before > 0 or source.fps != fps
-            clocks += [(stamps, (np.arange(len(stamps)) - before) / fps)] * int(length)
-        return clocks if moved else None
+        sources = [self._source_of(int(self.rows[start])) for start in starts]
+        if all(source.rows_before(row) == 0 and source.fps == fps for source, row in sources):
+            return None
+        clocks = []
+        for (source, row), length in zip(sources, lengths.tolist(), strict=True):
+            stamps = source.stamps(row)
+            clocks += [(stamps, (np.arange(len(stamps)) - source.rows_before(row)) / fps)] * length
+        return clocks
 
     def huggingface(self) -> dict[str, object]:
         """Return the description of the columns for `datasets.Features`."""
@@ -231,11 +232,19 @@ class CarriedSource:
         )
         return -(-found // max(self.frames, 1))
 
-    def stamps(self, row: int) -> tuple[int, np.ndarray]:
-        """Return how many rows of its episode are before a row, and the time stamps [s] of the episode."""
-        first, number = self._first(int(self._numbers[row])), int(self._numbers[row])
-        wanted = np.arange(first, self._first(number + 1))
-        return row - first, np.asarray(self.rows(["timestamp"], wanted)["timestamp"], np.float64)
+    def rows_before(self, row: int) -> int:
+        """Return how many rows of its episode are before a row."""
+        return row - self._first(int(self._numbers[row]))
+
+    def stamps(self, row: int) -> np.ndarray:
+        """Return the time stamps [s] of the episode of a row."""
+        number = int(self._numbers[row])
+        return self._stamps[self._first(number) : self._first(number + 1)]
+
+    @cached_property
+    def _stamps(self) -> np.ndarray:
+        """Time stamp [s] of each row, in episode order, shape (N,)."""
+        return np.asarray(self.rows(["timestamp"], np.arange(self.frames))["timestamp"], np.float64)
 
     def rows(self, keys: Sequence[str], rows: np.ndarray) -> pa.Table:
         """Return columns of some rows, in the order of the episodes."""

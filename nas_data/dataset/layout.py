@@ -15,6 +15,7 @@ CONVERTER = "convert_dataset_v21_to_v30"
 INFO = "meta/info.json"
 STATS = "meta/stats.json"
 TASKS = "meta/tasks.parquet"
+SUBTASKS = "meta/subtasks.parquet"  # texts that a column subtask_index counts; LeRobot 0.4 reads it
 PROVENANCE = "meta/nas.json"
 SOURCE = "meta/source.xml"  # the model that predicted a paired dataset
 SOURCE_EFFECTS = "meta/source_effects.json"

@@ -7,6 +7,7 @@ import numpy as np
 
 from nas_data.arrays import Array
 from nas_data.count_of import count_of
+from nas_data.dataset import layout
 from nas_data.dataset.carried import Carried, shared_features
 from nas_data.dataset.content import episode_hashes
 from nas_data.dataset.dataset import Dataset
@@ -86,6 +87,8 @@ def remarks(originals: Sequence[Original]) -> Iterator[str]:
         and common([original.provenance and original.provenance.source for original in originals]) is None
     ):
         yield f"'{SIM_STATE}' comes from no single known source: pair the merged dataset again (nas pair)."
+    if len({original.attachments.get(layout.SUBTASKS) for original in originals}) > 1:
+        yield f"{layout.SUBTASKS} is left out, because it is not the same in all; 'subtask_index' keeps its numbers."
     hashes = [found for original in originals for found in episode_hashes(original.dataset, sorted(kept))]
     repeated = len(hashes) - len(set(hashes))
     if repeated:

@@ -115,7 +115,7 @@ def new_version(
     home = folder / name
     written = {name: hashlib.sha256(content).hexdigest() for name, content in (attachments or {}).items()}
     carries = dataset.carried is not None or dataset.frame_tasks is not None
-    existing = None if carries else _same_content(home, digest, _source_of(written), damaged)
+    existing = None if carries else _same_content(home, digest, written, damaged)
     if existing:
         return existing
     with staging_folder(home / "version") as hidden:
@@ -145,7 +145,9 @@ def settle(hidden: Path, home: Path, digest: str, number: int = 0, damaged: Path
     with lock_folder(home):  # one process at a time chooses a number
         staged_provenance = read_provenance(hidden)
         files = staged_provenance.files if staged_provenance else {}
-        existing = _same_content(home, digest, _identity_of(hidden, files), damaged)
+        info = read_info(hidden)
+        carries = bool(other_features(info) or tools(info))
+        existing = _same_content(home, digest, files, damaged, carries)
         if existing:
             return existing
         taken = {_number(path) for path in home.iterdir() if VERSION.fullmatch(path.name)}
@@ -227,25 +229,31 @@ def _source_of(files: Mapping[str, str]) -> dict[str, str]:
     return {name: files[name] for name in (SOURCE, SOURCE_EFFECTS) if name in files}
 
 
-def _identity_of(root: Path, files: Mapping[str, str]) -> dict[str, str]:
-    """Return the hashes of the files that distinguish versions with one content hash.
+def _same_content(
+    home: Path, digest: str, files: Mapping[str, str], damaged: Path | None = None, carries: bool = False
+) -> Path | None:
+    """Return the newest version with a content hash and the same source model.
 
-    The content hash leaves out pass-through features, so the files that hold them count: equal rows with other pictures
-    or language are another version.
+    The content hash leaves out pass-through features. Where a dataset has some, the files that hold them are compared:
+    equal rows with other pictures or messages are another version.
+
+    Args:
+        home: Folder of the name's versions.
+        digest: The content hash.
+        files: SHA-256 of each file by its path.
+        damaged: A version not to return, although it claims the same content.
+        carries: Whether there are pass-through features.
     """
-    info = read_info(root)
-    if not other_features(info) and not tools(info):
-        return _source_of(files)
-    return _source_of(files) | {name: digest for name, digest in files.items() if name.startswith(CARRYING)}
 
+    def identity(hashes: Mapping[str, str]) -> dict[str, str]:
+        stored = {name: value for name, value in hashes.items() if name.startswith(CARRYING)}
+        return _source_of(hashes) | (stored if carries else {})
 
-def _same_content(home: Path, digest: str, identity: Mapping[str, str], damaged: Path | None = None) -> Path | None:
-    """Return the newest version with a content hash and an identity."""
     for path in reversed(list_versions(home)):
         if path.name.endswith(digest[:8]) and not (damaged and path.samefile(damaged)):
             provenance = read_provenance(path)
             if provenance is None or provenance.content_hash != digest:
                 continue
-            if _identity_of(path, provenance.files) == identity:
+            if identity(provenance.files) == identity(files):
                 return path
     return None

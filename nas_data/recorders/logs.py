@@ -11,6 +11,7 @@ from nas_data.count_of import count_of
 from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.carried import VIDEO_LEFT_OUT, Carried, shared_features
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.derive_provenance import subtasks
 from nas_data.dataset.descriptions import left_out
 from nas_data.dataset.features import (
     ACTION,
@@ -83,14 +84,15 @@ def import_logs(paths: Sequence[Path], mapping: Map, progress: Callable[[str], N
             recordings.append(recording)
     raise_audit_errors(findings)
     ready = [_finish(recording, mapping) for recording in recordings]
-    dataset = _dataset(ready, mapping)
+    dataset, kept = _dataset(ready, mapping), {}
     if mapping.layout.format == "lerobot":
+        kept = subtasks([resolve(log) for log in logs])
         dataset, lost = _with_rest(dataset, ready, mapping)
         findings += lost
     return Import(
         dataset=dataset,
         provenance=_provenance(logs, ready, mapping, findings),
-        attachments={MAP_ATTACHMENT: mapping.text.encode()},
+        attachments={MAP_ATTACHMENT: mapping.text.encode(), **kept},
         findings=tuple(findings),
     )
 

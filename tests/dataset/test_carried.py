@@ -266,6 +266,35 @@ unit = "deg"
 """
 
 
+def test_the_texts_of_subtasks_stay_with_their_numbers(here, recorded, capsys):
+    root = write_lerobot(here / "d", degrees(2))
+    (data,) = (root / "data").rglob("*.parquet")
+    table = pq.read_table(data)
+    number = pa.array([row // 10 for row in table["frame_index"].to_pylist()])
+    pq.write_table(table.append_column("subtask_index", number), data)
+    info = json.loads((root / "meta/info.json").read_text())
+    info["features"]["subtask_index"] = {"dtype": "int64", "shape": [1], "names": None}
+    (root / "meta/info.json").write_text(json.dumps(info))
+    write_subtasks(root, ["reach", "grasp", "place"])
+    folder = imported(root)
+    run("merge", folder, folder, "--out", "twice")
+    run("split", "twice", "--episodes", "0", "--names", "one", "rest")
+    for made in (folder, here / "twice", newest(here / "datasets/rest")):
+        assert (made / "meta/subtasks.parquet").read_bytes() == (root / "meta/subtasks.parquet").read_bytes()
+        assert stored(made, 22)["subtask_index"] == 2 and verify(made) == []
+    write_subtasks(root, ["push"] * 3)
+    other = imported(root)
+    capsys.readouterr()
+    run("merge", folder, other, "--out", "m")
+    assert "meta/subtasks.parquet is left out, because it is not the same in all" in capsys.readouterr().out
+
+
+def write_subtasks(root: Path, subtasks: list[str]) -> None:
+    """Write the table that LeRobot 0.4 looks subtasks up in."""
+    table = pa.table({"subtask": subtasks, "subtask_index": range(len(subtasks))})
+    pq.write_table(table, root / "meta/subtasks.parquet")
+
+
 def test_equal_rows_with_other_messages_are_another_version(here, recorded):
     shutil.copytree(recorded[0], here / "d")
     for text in ("hello", "hello", "good bye"):
