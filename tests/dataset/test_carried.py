@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 from support.lerobot_samples import ARM, annotate, motions, speech, write_lerobot
 
 from nas_data.cli import main
+from nas_data.dataset import layout
 from nas_data.dataset.carried import join_tables
 from nas_data.dataset.language import move_times
 from nas_data.dataset.read import read
@@ -266,6 +267,14 @@ unit = "deg"
 """
 
 
+def test_pictures_count_when_rows_are_divided_into_files(here, recorded, monkeypatch):
+    whole = imported(recorded[0])
+    monkeypatch.setattr(layout, "FILE_MEGABYTES", 0.005)
+    divided = imported(recorded[0])
+    assert [len(list((root / "data").rglob("*.parquet"))) for root in (whole, divided)] == [1, 2]
+    assert frames(divided, kept([0, 1])) == frames(whole, kept([0, 1])) and verify(divided) == []
+
+
 def test_the_texts_of_subtasks_stay_with_their_numbers(here, recorded, capsys):
     root = write_lerobot(here / "d", degrees(2))
     (data,) = (root / "data").rglob("*.parquet")
@@ -319,13 +328,26 @@ VALUES = st.recursive(
 )
 
 
-@given(st.lists(st.dictionaries(st.sampled_from("abc"), VALUES, min_size=1), min_size=1, max_size=4))
-def test_calls_keep_their_arguments_whatever_others_have(arguments):
-    """Each call is written in a file of its own, as LeRobot's writer would; joined, none has got what it never had."""
-    calls = [[{"type": "function", "function": {"name": "say", "arguments": found}}] for found in arguments]
-    tables = [pa.table({"m": pa.array([[{"role": "assistant", "tool_calls": call}], []])}) for call in calls]
-    joined = [row for row in join_tables(tables)["m"].to_pylist() if row]
-    assert [plain(row[0]["tool_calls"]) for row in joined] == [plain(call) for call in calls]
+ARGUMENTS = st.dictionaries(st.sampled_from("abc"), VALUES, min_size=1)
+
+
+def one_message(call: dict[str, object], form: str) -> pa.Table:
+    """A table of a message with a call in one of LeRobot's forms: of the annotation, or of the editing tools."""
+    calls = pa.array([call if form == "struct" else json.dumps(call)])
+    if form == "json":
+        calls = pa.ExtensionArray.from_storage(pa.json_(), calls)
+    listed = pa.ListArray.from_arrays([0, 1], calls)
+    message = pa.StructArray.from_arrays([pa.array(["assistant"]), listed], ["role", "tool_calls"])
+    return pa.table({"m": pa.ListArray.from_arrays([0, 1, 1], message)})
+
+
+@given(st.lists(st.tuples(ARGUMENTS, st.sampled_from(["struct", "text", "json"])), min_size=1, max_size=4))
+def test_calls_keep_their_arguments_whatever_others_have(written):
+    """Each call is in a file of its own; joined, none has got what it never had."""
+    calls = [{"type": "function", "function": {"name": "say", "arguments": found}} for found, _ in written]
+    tables = [one_message(call, form) for call, (_, form) in zip(calls, written, strict=True)]
+    joined = join_tables(tables)["m"].to_pylist()
+    assert [plain(row[0]["tool_calls"]) for row in joined if row] == [plain([call]) for call in calls]
 
 
 @given(st.lists(st.lists(st.floats(-1, 4, width=32), max_size=3), min_size=1, max_size=5), st.floats(0.1, 2))
