@@ -70,10 +70,7 @@ class Carried:
             [source.first_row(episode, length) for episode, length in zip(episodes, lengths, strict=True)]
         )
         found = replace(found, rows=np.concatenate([np.arange(a, a + n) for a, n in zip(starts, lengths, strict=True)]))
-        videos = found.clips(np.cumsum(lengths) - lengths, lengths, 1.0)
-        lost = next((clip.file for clips in videos.values() for clip in clips if not clip.file.is_file()), None)
-        if lost is not None:
-            raise DatasetInvalid(f"{lost.relative_to(found.roots[0])} is missing")
+        found.check(np.cumsum(lengths) - lengths, lengths)
         for path in source.files_of(found.rows):
             read_parquet(path, list(found.features))
         return found
@@ -170,6 +167,9 @@ class Carried:
             starts: First frame of each episode, shape (E,).
             lengths: Number of frames of each episode, consecutive in its source, shape (E,).
             fps: Control rate [Hz].
+
+        Raises:
+            DatasetInvalid: a video is missing, or its place is not known.
         """
         cameras = [key for key, entry in self.features.items() if entry.get("dtype") == VIDEO]
         found: dict[str, list[Clip]] = {key: [] for key in cameras}
@@ -178,8 +178,21 @@ class Carried:
         for start, length in zip(starts, lengths, strict=True):
             source, row = self._source_of(int(self.rows[start]))
             for key in cameras:
-                found[key].append(source.clip(key, row, int(length), fps))
+                clip = source.clip(key, row, int(length), fps)
+                if not clip.file.is_file():
+                    raise DatasetInvalid(f"{clip.file} is missing{source.remedy(key)}.")
+                found[key].append(clip)
         return found
+
+    def check(self, starts: np.ndarray, lengths: np.ndarray) -> None:
+        """Refuse episodes of which a video or a column is missing; arguments as above.
+
+        Raises:
+            DatasetInvalid: names what is missing.
+        """
+        self.clips(starts, lengths, 1.0)
+        for source in self._sources if self._stored else ():
+            source.check(self._stored)
 
     def statistics(self, starts: np.ndarray) -> list[Mapping[str, object]]:
         """Return the source's statistics of the episode in which each start frame lies, by column."""
@@ -237,9 +250,9 @@ class CarriedSource:
         return row - self._first(int(self._numbers[row]))
 
     def stamps(self, row: int) -> np.ndarray:
-        """Return the time stamps [s] of the episode of a row."""
+        """Return the time stamps [s] of the episode of a row; where the clock went back, it stands still."""
         number = int(self._numbers[row])
-        return self._stamps[self._first(number) : self._first(number + 1)]
+        return np.maximum.accumulate(self._stamps[self._first(number) : self._first(number + 1)])
 
     @cached_property
     def _stamps(self) -> np.ndarray:
@@ -250,9 +263,30 @@ class CarriedSource:
         """Return columns of some rows, in the order of the episodes."""
 
         def read(path: Path, wanted: np.ndarray) -> pa.Table:
-            return read_parquet(path, keys).take(wanted)
+            table = read_parquet(path, keys)
+            self.check_columns(path, keys, table.column_names)
+            return table.take(wanted)
 
         return take_rows(self._order[rows], [(len(numbers), partial(read, path)) for path, numbers in self._files])
+
+    def check(self, keys: Sequence[str]) -> None:
+        """Refuse data files without columns that `meta/info.json` promises.
+
+        Raises:
+            DatasetInvalid: names file and column.
+        """
+        for path, _ in self._files:
+            self.check_columns(path, keys, open_parquet(path).schema_arrow.names)
+
+    def check_columns(self, path: Path, keys: Sequence[str], present: Sequence[str]) -> None:
+        """Refuse a data file whose columns lack one of the keys."""
+        missing = next((key for key in keys if key not in present), None)
+        if missing is not None:
+            raise DatasetInvalid(f"{path} has no column '{missing}'{self.remedy(missing)}.")
+
+    def remedy(self, key: str) -> str:
+        """Return what helps where a feature is not all there."""
+        return f"; restore it from a copy, or take '{key}' out of 'features' in {self.root / layout.INFO}"
 
     def schema_metadata(self) -> dict[str, object]:
         """Return the column descriptions of the data files for `datasets`."""
@@ -268,7 +302,8 @@ class CarriedSource:
         entry, number = self.episode(row), int(self._numbers[row])
         columns = VideoPlace.columns(key)
         if columns["chunk_index"] not in entry:
-            raise DatasetInvalid(f"meta/episodes does not say where the pictures of episode {number} lie")
+            table = self.root / "meta/episodes"
+            raise DatasetInvalid(f"{table} does not say where the pictures of episode {number} lie{self.remedy(key)}.")
         place = VideoPlace(**{name: entry[column] for name, column in columns.items()})  # type: ignore[arg-type]  # as stored
         template = str(layout.read_info(self.root).get("video_path") or VIDEO_PATH)
         start = place.from_timestamp + (row - self._first(number)) / fps

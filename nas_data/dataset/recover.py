@@ -214,17 +214,22 @@ def _carried(
         try:
             return Carried.rescued(root, kept, lengths), []
         except DatasetInvalid as error:
-            reason = str(error).rstrip(".")
+            reason = _reason(error)
     if described and {layout.described(info)[key].get("dtype") for key in keys} == {VIDEO}:
         try:
             filmed = FilmedSource(root, found.episodes, found.lengths, float(str(info["fps"])))
             return Carried.rescued(root, kept, lengths, filmed), []
         except DatasetInvalid as error:
-            reason = str(error).rstrip(".")
+            reason = _reason(error)
     if not keys:
         return None, []
     lost = left_out({key: layout.described(info)[key] for key in keys}, reason)
     return None, [f"{lost}; what there is of it lies in {root / 'videos'} and {root / 'data'}"]
+
+
+def _reason(error: DatasetInvalid) -> str:
+    """Return what is wrong without the remedy."""
+    return str(error).partition(";")[0].rstrip(".")
 
 
 def _tasks(root: Path, found: Salvage, known: Mapping[int, EpisodeEntry]) -> dict[int, str]:

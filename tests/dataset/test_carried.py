@@ -267,6 +267,55 @@ unit = "deg"
 """
 
 
+def drop_columns(path: Path, start: str) -> None:
+    table = pq.read_table(path)
+    pq.write_table(table.drop_columns([name for name in table.column_names if name.startswith(start)]), path)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "damage", "said_of_it", "key"),
+    [
+        ("videos/*front/*/*.mp4", Path.unlink, "file-000.mp4 is missing", "observation.images.front"),
+        (
+            "meta/episodes/*/*.parquet",
+            lambda path: drop_columns(path, "videos/observation.images.front/"),
+            "meta/episodes does not say where the pictures of episode 0 lie",
+            "observation.images.front",
+        ),
+        (
+            "data/*/*.parquet",
+            lambda path: drop_columns(path, "language_events"),
+            "file-000.parquet has no column 'language_events'",
+            "language_events",
+        ),
+    ],
+    ids=["video", "place", "column"],
+)
+def test_what_is_missing_is_named_and_the_remedy_works(here, recorded, capsys, pattern, damage, said_of_it, key):
+    shutil.copytree(recorded[0], here / "d")
+    (path,) = (here / "d").glob(pattern)
+    damage(path)
+    capsys.readouterr()
+    commands = (
+        ["import", "d", "--unit", "deg", "--out", "o"],
+        ["merge", "d", "--out", "o"],
+        ["split", "d", "--episodes", "0", "--names", "x", "y"],
+        ["pack", "d", "--out", "o"],
+    )
+    for command in commands:
+        assert main(command) == 2
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1 and said_of_it in error and f"take '{key}' out of 'features'" in error
+        assert not (here / "o").exists()
+    assert any(said_of_it in problem for problem in verify(here / "d"))
+    info = json.loads((here / "d/meta/info.json").read_text())
+    del info["features"][key]
+    (here / "d/meta/info.json").write_text(json.dumps(info))
+    for command in commands[:-1]:
+        run(*command[:-1], f"of_{command[0]}")
+    run("pack", "d", "--out", "o")
+
+
 def test_pictures_count_when_rows_are_divided_into_files(here, recorded, monkeypatch):
     whole = imported(recorded[0])
     monkeypatch.setattr(layout, "FILE_MEGABYTES", 0.005)
