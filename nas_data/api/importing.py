@@ -8,8 +8,10 @@ from pathlib import Path
 from nas_data.api.arguments import Progress
 from nas_data.dataset.cutting import cut_every
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.derive_provenance import subtasks
 from nas_data.dataset.foreign import warn
 from nas_data.dataset.origin import Origin
+from nas_data.dataset.versions import resolve
 from nas_data.errors import LogError, OptionError
 from nas_data.importing.calibration import middles_of, motors_of, read_calibration
 from nas_data.importing.lerobot import (
@@ -127,7 +129,7 @@ def read_logs(request: ImportRequest) -> Imported:
     if mapping is None:
         name = name_of_dataset(request.logs)
         dataset, provenance, findings = import_dataset(request.logs[0], request.said)
-        result = Import(dataset, provenance, {}, findings)
+        result = Import(dataset, provenance, subtasks([resolve(request.logs[0])]), findings)
     else:
         name, result = mapping.robot, import_by_map(request.logs, mapping, request.progress)
         if request.calibration is not None:

@@ -5,7 +5,7 @@ Columns of data files are copied row by row.
 """
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -14,9 +14,13 @@ import numpy as np
 import pyarrow as pa
 
 from nas_data.dataset import layout
+from nas_data.dataset.descriptions import LANGUAGE, Description, common_description, difference, schema_entry
+from nas_data.dataset.language import has_times, make_alike, move_times
 from nas_data.dataset.parquet import open_parquet, read_parquet, try_parquet
 from nas_data.dataset.videos import VIDEO, VIDEO_PATH, Clip, VideoPlace
 from nas_data.errors import DatasetInvalid
+
+VIDEO_LEFT_OUT = "LeRobot finds pictures by the rate at which they were filmed, and the dataset has another now"
 
 
 @dataclass(frozen=True)
@@ -27,16 +31,20 @@ class Carried:
         roots: Source datasets; they have the same pass-through features.
         rows: Source row of each frame, counted over the episodes of all roots in order, shape (N,).
         salvaged: Replaces the only root if its own files do not locate the episodes.
+        kept: The features that are passed through; None for all that the first root has.
     """
 
     roots: tuple[Path, ...]
     rows: np.ndarray
     salvaged: "CarriedSource | None" = None
+    kept: tuple[str, ...] | None = None
 
     @classmethod
     def of(cls, root: Path, frames: int) -> "Carried | None":
-        """Return the pass-through features of a dataset; None if there are none."""
-        return cls((root.resolve(),), np.arange(frames)) if layout.other_features(layout.read_info(root)) else None
+        """Return the pass-through features of a dataset; None if there are none, and no tools either."""
+        info = layout.read_info(root)
+        wanted = layout.other_features(info) or layout.tools(info)
+        return cls((root.resolve(),), np.arange(frames)) if wanted else None
 
     @classmethod
     def rescued(
@@ -62,20 +70,29 @@ class Carried:
             [source.first_row(episode, length) for episode, length in zip(episodes, lengths, strict=True)]
         )
         found = replace(found, rows=np.concatenate([np.arange(a, a + n) for a, n in zip(starts, lengths, strict=True)]))
-        videos = found.clips(np.cumsum(lengths) - lengths, lengths, 1.0)
-        lost = next((clip.file for clips in videos.values() for clip in clips if not clip.file.is_file()), None)
-        if lost is not None:
-            raise DatasetInvalid(f"{lost.relative_to(found.roots[0])} is missing")
+        found.check(np.cumsum(lengths) - lengths, lengths)
         for path in source.files_of(found.rows):
             read_parquet(path, list(found.features))
         return found
 
     @cached_property
-    def features(self) -> dict[str, Mapping[str, object]]:
+    def features(self) -> dict[str, Description]:
         """LeRobot's description of each feature."""
-        info = layout.read_info(self.roots[0])
-        described = layout.described(info)
-        return {key: described[key] for key in layout.other_features(info)}
+        described = [layout.described(info) for info in self._infos]
+        keys = layout.other_features(self._infos[0]) if self.kept is None else self.kept
+        return {key: common_description([entries[key] for entries in described]) for key in keys}
+
+    @property
+    def tools(self) -> list[object]:
+        """What the messages of the language columns may call, as LeRobot describes it, of all roots."""
+        found: list[object] = []
+        for tool in (tool for info in self._infos for tool in layout.tools(info)):
+            found += [] if tool in found else [tool]
+        return found
+
+    @cached_property
+    def _infos(self) -> tuple[Mapping[str, object], ...]:
+        return tuple(layout.read_info(root) for root in self.roots)
 
     @property
     def frames(self) -> tuple[int, ...]:
@@ -86,19 +103,62 @@ class Carried:
         """Return some of the frames."""
         return replace(self, rows=self.rows[chosen])
 
-    def columns(self, frames: slice) -> dict[str, pa.ChunkedArray]:
-        """Return the columns of some frames as LeRobot stores them; videos have none."""
-        keys = [key for key, entry in self.features.items() if entry.get("dtype") != VIDEO]
-        wanted = self.rows[frames]
+    def only(self, keys: Iterable[str]) -> "Carried":
+        """Return the features of some keys."""
+        return replace(self, kept=tuple(keys))
+
+    def without_videos(self) -> "Carried":
+        """Return the features that are not videos."""
+        return self.only(key for key, entry in self.features.items() if entry.get("dtype") != VIDEO)
+
+    @property
+    def _stored(self) -> list[str]:
+        """Features with a column in the data files."""
+        return [key for key, entry in self.features.items() if entry.get("dtype") != VIDEO]
+
+    @property
+    def row_bytes(self) -> int:
+        """Size of a row of the columns in memory, on average."""
+        return max((source.row_bytes(self._stored) for source in self._sources), default=0) if self._stored else 0
+
+    def columns(self, first: int, lengths: np.ndarray, fps: float) -> dict[str, pa.ChunkedArray]:
+        """Return the columns of consecutive episodes as LeRobot stores them; videos have none.
+
+        Args:
+            first: Their first frame.
+            lengths: Number of frames of each episode, consecutive in its source, shape (E,).
+            fps: Control rate [Hz].
+        """
+        keys, wanted = self._stored, self.rows[first : first + int(lengths.sum())]
         if not keys or not len(wanted):
             return {}
         table = take_rows(wanted, [(source.frames, partial(source.rows, keys)) for source in self._sources])
-        return {key: table[key] for key in keys}
+        found = {key: table[key] for key in keys}
+        timed = [key for key in keys if self.features[key].get("dtype") == LANGUAGE and has_times(found[key])]
+        if timed:
+            clocks = self._clocks(first + np.cumsum(lengths) - lengths, lengths, fps)
+            if clocks is not None:
+                found |= {key: move_times(found[key], clocks) for key in timed}
+        return found
+
+    def _clocks(
+        self, starts: np.ndarray, lengths: np.ndarray, fps: float
+    ) -> list[tuple[np.ndarray, np.ndarray]] | None:
+        """Return each frame's episode in the source's clock and in its own [s]; None where no clock was moved."""
+        sources = [self._source_of(int(self.rows[start])) for start in starts]
+        if all(source.rows_before(row) == 0 and source.fps == fps for source, row in sources):
+            return None
+        clocks = []
+        for (source, row), length in zip(sources, lengths.tolist(), strict=True):
+            stamps = source.stamps(row)
+            clocks += [(stamps, (np.arange(len(stamps)) - source.rows_before(row)) / fps)] * length
+        return clocks
 
     def huggingface(self) -> dict[str, object]:
         """Return the description of the columns for `datasets.Features`."""
-        written = self._sources[0].schema_metadata()
-        return {key: written[key] for key in self.features if key in written}
+        written = self._sources[0].schema_metadata() if self._stored else {}
+        known = {key: written.get(key) or schema_entry(self.features[key]) for key in self._stored}
+        return {key: entry for key, entry in known.items() if entry}
 
     def clips(self, starts: np.ndarray, lengths: np.ndarray, fps: float) -> dict[str, list[Clip]]:
         """Return the video clip of each episode, for every camera that is stored as video.
@@ -107,19 +167,37 @@ class Carried:
             starts: First frame of each episode, shape (E,).
             lengths: Number of frames of each episode, consecutive in its source, shape (E,).
             fps: Control rate [Hz].
+
+        Raises:
+            DatasetInvalid: a video is missing, or its place is not known.
         """
         cameras = [key for key, entry in self.features.items() if entry.get("dtype") == VIDEO]
         found: dict[str, list[Clip]] = {key: [] for key in cameras}
+        if not cameras:
+            return found
         for start, length in zip(starts, lengths, strict=True):
             source, row = self._source_of(int(self.rows[start]))
             for key in cameras:
-                found[key].append(source.clip(key, row, int(length), fps))
+                clip = source.clip(key, row, int(length), fps)
+                if not clip.file.is_file():
+                    raise DatasetInvalid(f"{clip.file} is missing{source.remedy(key)}.")
+                found[key].append(clip)
         return found
+
+    def check(self, starts: np.ndarray, lengths: np.ndarray) -> None:
+        """Refuse episodes of which a video or a column is missing; arguments as above.
+
+        Raises:
+            DatasetInvalid: names what is missing.
+        """
+        self.clips(starts, lengths, 1.0)
+        for source in self._sources if self._stored else ():
+            source.check(self._stored)
 
     def statistics(self, starts: np.ndarray) -> list[Mapping[str, object]]:
         """Return the source's statistics of the episode in which each start frame lies, by column."""
         found: list[Mapping[str, object]] = []
-        for start in starts:
+        for start in starts if self.features else ():
             source, row = self._source_of(int(self.rows[start]))
             entry = source.episode(row)
             prefixes = tuple(f"stats/{key}/" for key in self.features)
@@ -150,13 +228,65 @@ class CarriedSource:
         """Number of frames."""
         return len(self._order)
 
+    @cached_property
+    def fps(self) -> float:
+        """Control rate [Hz]."""
+        return float(str(layout.read_info(self.root)["fps"]))
+
+    def row_bytes(self, keys: Sequence[str]) -> int:
+        """Return the size of a row of some columns in memory, on average."""
+        sizes = [open_parquet(path).metadata for path, _ in self._files]
+        found = sum(
+            column.total_uncompressed_size
+            for metadata in sizes
+            for group in range(metadata.num_row_groups)
+            for column in map(metadata.row_group(group).column, range(metadata.num_columns))
+            if column.path_in_schema.startswith(tuple(keys))
+        )
+        return -(-found // max(self.frames, 1))
+
+    def rows_before(self, row: int) -> int:
+        """Return how many rows of its episode are before a row."""
+        return row - self._first(int(self._numbers[row]))
+
+    def stamps(self, row: int) -> np.ndarray:
+        """Return the time stamps [s] of the episode of a row; where the clock went back, it stands still."""
+        number = int(self._numbers[row])
+        return np.maximum.accumulate(self._stamps[self._first(number) : self._first(number + 1)])
+
+    @cached_property
+    def _stamps(self) -> np.ndarray:
+        """Time stamp [s] of each row, in episode order, shape (N,)."""
+        return np.asarray(self.rows(["timestamp"], np.arange(self.frames))["timestamp"], np.float64)
+
     def rows(self, keys: Sequence[str], rows: np.ndarray) -> pa.Table:
         """Return columns of some rows, in the order of the episodes."""
 
         def read(path: Path, wanted: np.ndarray) -> pa.Table:
-            return read_parquet(path, keys).take(wanted)
+            table = read_parquet(path, keys)
+            self.check_columns(path, keys, table.column_names)
+            return table.take(wanted)
 
         return take_rows(self._order[rows], [(len(numbers), partial(read, path)) for path, numbers in self._files])
+
+    def check(self, keys: Sequence[str]) -> None:
+        """Refuse data files without columns that `meta/info.json` promises.
+
+        Raises:
+            DatasetInvalid: names file and column.
+        """
+        for path, _ in self._files:
+            self.check_columns(path, keys, open_parquet(path).schema_arrow.names)
+
+    def check_columns(self, path: Path, keys: Sequence[str], present: Sequence[str]) -> None:
+        """Refuse a data file whose columns lack one of the keys."""
+        missing = next((key for key in keys if key not in present), None)
+        if missing is not None:
+            raise DatasetInvalid(f"{path} has no column '{missing}'{self.remedy(missing)}.")
+
+    def remedy(self, key: str) -> str:
+        """Return what helps where a feature is not all there."""
+        return f"; restore it from a copy, or take '{key}' out of 'features' in {self.root / layout.INFO}"
 
     def schema_metadata(self) -> dict[str, object]:
         """Return the column descriptions of the data files for `datasets`."""
@@ -172,7 +302,8 @@ class CarriedSource:
         entry, number = self.episode(row), int(self._numbers[row])
         columns = VideoPlace.columns(key)
         if columns["chunk_index"] not in entry:
-            raise DatasetInvalid(f"meta/episodes does not say where the pictures of episode {number} lie")
+            table = self.root / "meta/episodes"
+            raise DatasetInvalid(f"{table} does not say where the pictures of episode {number} lie{self.remedy(key)}.")
         place = VideoPlace(**{name: entry[column] for name, column in columns.items()})  # type: ignore[arg-type]  # as stored
         template = str(layout.read_info(self.root).get("video_path") or VIDEO_PATH)
         start = place.from_timestamp + (row - self._first(number)) / fps
@@ -244,8 +375,26 @@ def take_rows(wanted: np.ndarray, tables: Sequence[tuple[int, Callable[[np.ndarr
             parts.append(take(wanted[here] - offset))
             places.append(here)
         offset += count
-    table = pa.concat_tables(parts, promote_options="permissive")
-    return table.take(np.argsort(np.concatenate(places)))
+    return join_tables(parts).take(np.argsort(np.concatenate(places)))
+
+
+def join_tables(parts: Sequence[pa.Table]) -> pa.Table:
+    """Return tables of the same columns after one another; values stay as they are."""
+    names = parts[0].column_names
+    columns = {name: make_alike([part[name] for part in parts]) for name in names}
+    alike = [pa.table({name: columns[name][number] for name in names}) for number in range(len(parts))]
+    return pa.concat_tables(alike, promote_options="permissive")
+
+
+def shared_features(carried: Sequence[Carried | None]) -> list[str]:
+    """Return the features that all have and that mean the same in all."""
+    described = [part.features if part else {} for part in carried]
+    first, *others = described
+    return [
+        key
+        for key, entry in first.items()
+        if all(key in other and difference(entry, other[key]) is None for other in others)
+    ]
 
 
 def overall(episodes: Sequence[Mapping[str, object]]) -> dict[str, dict[str, object]]:

@@ -40,7 +40,7 @@ def content_hash(dataset: Dataset) -> str:
             for key, feature in dataset.features.items()
         },
     }
-    if dataset.carried:
+    if dataset.carried and dataset.carried.features:
         described = dataset.carried.features
         header["carried"] = {key: [entry.get("dtype"), entry.get("shape")] for key, entry in described.items()}
     digest = hashlib.sha256(json.dumps(header, sort_keys=True, separators=(",", ":")).encode())

@@ -31,9 +31,10 @@ class Dataset:
         lengths: Number of frames of each episode, shape (E,).
         fps: Control rate [Hz].
         robot_type: Robot's name as LeRobot stores it.
-        tasks: Task of each episode, as a word or sentence.
+        tasks: Task of each episode, as a word or sentence; several in an episode are joined in alphabetical order.
         carried: Pass-through features such as cameras, texts and matrices; None if there are none.
         origin: Origin of the dataset; None if unknown.
+        frame_tasks: Task of each frame, shape (N,), from which `tasks` follow; None if each episode has a single one.
     """
 
     features: Mapping[str, Feature]
@@ -44,6 +45,7 @@ class Dataset:
     tasks: tuple[str, ...] = field(default=())
     carried: Carried | None = None
     origin: "Origin | None" = field(default=None, compare=False)
+    frame_tasks: Array | None = None
 
     def __post_init__(self) -> None:
         total = int(self.lengths.sum())
@@ -53,7 +55,12 @@ class Dataset:
                 raise DatasetInvalid(
                     f"The column '{key}' has shape {shape}; {total} frames of {feature.width} are needed."
                 )
-        if not self.tasks:
+        if self.frame_tasks is not None:
+            several = self.episode_tasks
+            object.__setattr__(self, "tasks", tuple("; ".join(sorted(found)) for found in several))
+            if all(len(found) == 1 for found in several):
+                object.__setattr__(self, "frame_tasks", None)
+        elif not self.tasks:
             object.__setattr__(self, "tasks", ("",) * len(self.lengths))
 
     def __repr__(self) -> str:
@@ -178,6 +185,25 @@ class Dataset:
         """First frame of each episode, shape (E,)."""
         return np.concatenate([[0], np.cumsum(self.lengths)[:-1]]).astype(np.int64)
 
+    @property
+    def episode_tasks(self) -> list[list[str]]:
+        """Tasks of each episode in the order in which they appear; one where an episode has a single task."""
+        if self.frame_tasks is None:
+            return [[task] for task in self.tasks]
+        return [list(dict.fromkeys(self.frame_tasks[frames].tolist())) for frames in self.episodes()]
+
+    @property
+    def all_tasks(self) -> list[str]:
+        """Each task once, in the order in which they appear."""
+        return list(dict.fromkeys(task for found in self.episode_tasks for task in found))
+
+    @property
+    def task_of_frame(self) -> Array:
+        """Task of each frame, shape (N,)."""
+        if self.frame_tasks is not None:
+            return self.frame_tasks
+        return np.repeat(np.array(self.tasks, object), self.lengths)
+
     @cached_property
     def joints(self) -> tuple[str, ...]:
         """Names of the measured joints, from the position components of `observation.state`."""
@@ -260,6 +286,7 @@ class Dataset:
             lengths=lengths,
             tasks=tuple(tasks),
             carried=self.carried and self.carried.take(rows),
+            frame_tasks=None if self.frame_tasks is None else self.frame_tasks[rows],
         )
 
     def with_column(self, key: str, feature: Feature, column: Array) -> "Dataset":

@@ -89,7 +89,7 @@ def attachments(root: Path, provenance: Provenance | None) -> dict[str, bytes]:
     Only files below `meta/` are read, whatever paths the provenance names, because it may be untrusted.
     """
     recorded = provenance.files if provenance else {}
-    found = {}
+    found = subtasks([root]) if layout.SUBTASKS not in recorded else {}
     for path in visible(root / "meta", "**/*"):
         name = path.relative_to(root).as_posix()
         if name not in recorded or name in OWN_FILES or name.startswith("meta/episodes/") or path.is_symlink():
@@ -98,6 +98,13 @@ def attachments(root: Path, provenance: Provenance | None) -> dict[str, bytes]:
         if hashlib.sha256(content).hexdigest() == recorded[name]:
             found[name] = content
     return found
+
+
+def subtasks(roots: Iterable[Path]) -> dict[str, bytes]:
+    """Return the table of subtasks by its path, if all datasets have the same."""
+    paths = [root / layout.SUBTASKS for root in roots]
+    tables = [path.read_bytes() for path in paths if path.is_file()]
+    return {layout.SUBTASKS: tables[0]} if tables and tables == tables[:1] * len(paths) else {}
 
 
 def inherit(originals: Sequence[Original], deed: str) -> Provenance:

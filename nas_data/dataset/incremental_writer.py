@@ -102,7 +102,7 @@ class IncrementalWriter:
         columns |= automatic_columns(episodes, tasks)
         columns["episode_index"] = columns["episode_index"] + number
         columns["index"] = columns["index"] + rows
-        content = data_file(columns, episodes.lengths, range(episodes.n_episodes))
+        content = data_file(columns, episodes, range(episodes.n_episodes))
         write_synced(folder / layout.numbered_path(layout.DATA_TEMPLATE, number), content)
         write_synced(
             folder / layout.numbered_path(layout.EPISODES_TEMPLATE, number),

@@ -5,6 +5,7 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
+from nas_data.dataset.descriptions import kind_of
 from nas_data.dataset.features import Feature
 from nas_data.errors import DatasetInvalid, DatasetNotFound
 from nas_data.visible_files import visible
@@ -14,6 +15,7 @@ CONVERTER = "convert_dataset_v21_to_v30"
 INFO = "meta/info.json"
 STATS = "meta/stats.json"
 TASKS = "meta/tasks.parquet"
+SUBTASKS = "meta/subtasks.parquet"  # texts that a column subtask_index counts; LeRobot 0.4 reads it
 PROVENANCE = "meta/nas.json"
 SOURCE = "meta/source.xml"  # the model that predicted a paired dataset
 SOURCE_EFFECTS = "meta/source_effects.json"
@@ -120,11 +122,13 @@ def vector_features(info: Mapping[str, object]) -> dict[str, Feature]:
 def other_features(info: Mapping[str, object]) -> dict[str, str]:
     """Return the features that are not vectors of numbers (images, videos, strings, matrices) with their type."""
     kept = vector_features(info)
-    return {
-        key: f"{entry.get('dtype')} of shape {entry.get('shape')}"
-        for key, entry in described(info).items()
-        if key not in AUTOMATIC and key not in kept
-    }
+    return {key: kind_of(entry) for key, entry in described(info).items() if key not in AUTOMATIC and key not in kept}
+
+
+def tools(info: Mapping[str, object]) -> list[object]:
+    """Return what the messages of language columns may call, as LeRobot describes it."""
+    found = info.get("tools")
+    return found if isinstance(found, list) else []
 
 
 def _is_vector(entry: Mapping[str, object]) -> bool:

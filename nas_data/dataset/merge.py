@@ -1,15 +1,18 @@
 """Merge of several datasets of one robot; episodes keep the given order."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from nas_data.arrays import Array
 from nas_data.count_of import count_of
-from nas_data.dataset.carried import Carried
+from nas_data.dataset import layout
+from nas_data.dataset.carried import Carried, shared_features
 from nas_data.dataset.content import episode_hashes
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import Derived, Original, common, inherit
+from nas_data.dataset.descriptions import difference, kind_of
 from nas_data.dataset.features import SIM_STATE, STATE, Feature
 from nas_data.errors import DatasetInvalid, JointMismatch
 
@@ -49,20 +52,29 @@ def concatenate(datasets: Sequence[Dataset]) -> Dataset:
         robot_type=first.robot_type,
         tasks=tuple(task for dataset in datasets for task in dataset.tasks),
         carried=merge_carried([dataset.carried for dataset in datasets]),
+        frame_tasks=merge_frame_tasks(datasets),
     )
 
 
 def merge_carried(carried: Sequence[Carried | None]) -> Carried | None:
-    """Concatenate the pass-through features of datasets."""
+    """Concatenate the pass-through features that datasets have in common; None if there are none."""
     parts = [part for part in carried if part is not None]
-    if not parts:
+    if not parts or len(parts) < len(carried):
         return None
     frames = [sum(part.frames) for part in parts]
     offsets = np.cumsum([0, *frames[:-1]])
     return Carried(
         tuple(root for part in parts for root in part.roots),
         np.concatenate([part.rows + offset for part, offset in zip(parts, offsets, strict=True)]),
+        kept=tuple(shared_features(carried)),
     )
+
+
+def merge_frame_tasks(datasets: Sequence[Dataset]) -> Array | None:
+    """Concatenate the tasks of frames; None if no episode has several."""
+    if all(dataset.frame_tasks is None for dataset in datasets):
+        return None
+    return np.concatenate([dataset.task_of_frame for dataset in datasets])
 
 
 def remarks(originals: Sequence[Original]) -> Iterator[str]:
@@ -75,6 +87,8 @@ def remarks(originals: Sequence[Original]) -> Iterator[str]:
         and common([original.provenance and original.provenance.source for original in originals]) is None
     ):
         yield f"'{SIM_STATE}' comes from no single known source: pair the merged dataset again (nas pair)."
+    if len({original.attachments.get(layout.SUBTASKS) for original in originals}) > 1:
+        yield f"{layout.SUBTASKS} is left out, because it is not the same in all; 'subtask_index' keeps its numbers."
     hashes = [found for original in originals for found in episode_hashes(original.dataset, sorted(kept))]
     repeated = len(hashes) - len(set(hashes))
     if repeated:
@@ -115,14 +129,20 @@ def _check_joints(a: Original, b: Original) -> None:
 
 def _check_features(a: Original, b: Original) -> None:
     carried = [original.dataset.carried.features if original.dataset.carried else {} for original in (a, b)]
-    unlike = next(
-        (key for key in {**carried[0], **carried[1]} if _kind(carried[0], key) != _kind(carried[1], key)), None
-    )
-    if unlike is not None:
-        raise DatasetInvalid(
-            f"{b.root} and {a.root} differ in '{unlike}' (its type, shape or whether it is there); "
-            "only datasets with the same cameras and texts are merged."
-        )
+    for key in {**carried[0], **carried[1]}:
+        if key not in carried[0] or key not in carried[1]:
+            poor, rich = (a, b) if key not in carried[0] else (b, a)
+            raise DatasetInvalid(
+                f"{poor.root} lacks '{key}' ({kind_of(carried[rich is b][key])}), which {rich.root} has; "
+                "only datasets with the same cameras and texts are merged."
+            )
+        unlike = difference(carried[0][key], carried[1][key])
+        if unlike is not None:
+            what, here, there = unlike
+            raise DatasetInvalid(
+                f"'{key}' has {what} {there} in {b.root} and {here} in {a.root}, so that the same stored values mean "
+                "different things; only datasets with the same cameras and texts are merged."
+            )
     for poor, rich in ((a, b), (b, a)):
         missing = [key for key in rich.dataset.features if key not in poor.dataset.features]
         if missing:
@@ -136,12 +156,6 @@ def _check_features(a: Original, b: Original) -> None:
             raise DatasetInvalid(
                 f"'{key}' {_contrast(feature, other, a.root, b.root)}; record or import both alike to merge them."
             )
-
-
-def _kind(features: Mapping[str, Mapping[str, object]], key: str) -> tuple[object, ...]:
-    """Return type and shape of a pass-through feature; None for each if it is missing."""
-    entry = features.get(key, {})
-    return entry.get("dtype"), entry.get("shape")
 
 
 def _contrast(a: Feature, b: Feature, where_a: Path, where_b: Path) -> str:

@@ -97,7 +97,10 @@ def pack(path: Path, out: Path | None = None) -> tuple[Path, Manifest]:
     refuse_existing(target)
     if not target.parent.is_dir():
         raise OptionError(f"There is no folder {target.parent}; make it, or give another --out.")
-    manifest = Manifest(name, int(version.group(1)) if version else 0, content_hash(read(root)), hashes(root))
+    dataset = read(root)
+    if dataset.carried is not None:
+        dataset.carried.check(dataset.starts, dataset.lengths)
+    manifest = Manifest(name, int(version.group(1)) if version else 0, content_hash(dataset), hashes(root))
     check_unchanged(root, manifest)
     hidden = target.parent / f".{target.name}{MARK}{secrets.token_hex(4)}"
     try:

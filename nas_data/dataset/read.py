@@ -40,14 +40,16 @@ def read(path: Path) -> Dataset:
     rows = Rows.read(root, {**features, "episode_index": INDEX, "task_index": INDEX, "timestamp": STAMP})
     lengths = rows.sort(root)
     _check_totals(root, info, len(rows.columns["episode_index"]), len(lengths))
+    numbers, tasks = rows.columns["task_index"][:, 0], read_tasks(root)
     dataset = Dataset(
         features=features,
         columns={key: rows.columns[key] for key in features},
         lengths=lengths,
         fps=float(str(info["fps"])),
         robot_type=str(info.get("robot_type") or "unknown"),
-        tasks=episode_tasks(read_tasks(root), rows.columns["task_index"][:, 0], lengths),
+        tasks=episode_tasks(tasks, numbers, lengths),
         carried=Carried.of(root, int(lengths.sum())),
+        frame_tasks=frame_tasks(tasks, numbers, lengths),
     )
     stamps = rows.columns["timestamp"]
     if TIME not in features and contradicts_rate(dataset, stamps):
@@ -210,3 +212,10 @@ def episode_tasks(tasks: Mapping[int, str], task_index: np.ndarray, lengths: np.
     else:
         members = [np.unique(part).tolist() for part in np.split(task_index, starts[1:])]
     return tuple("; ".join(sorted(tasks.get(number, "") for number in numbers)) for numbers in members)
+
+
+def frame_tasks(tasks: Mapping[int, str], task_index: np.ndarray, lengths: np.ndarray) -> np.ndarray | None:
+    """Return the task of each frame, shape (N,); None if each episode has a single one. Arguments as above."""
+    if np.array_equal(np.repeat(task_index[np.cumsum(lengths) - lengths], lengths), task_index):
+        return None
+    return np.array([tasks.get(number, "") for number in task_index.tolist()], object)

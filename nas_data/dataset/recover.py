@@ -13,11 +13,12 @@ from nas_data.dataset.carried import Carried
 from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import Derived, attachments, unknown_provenance
+from nas_data.dataset.descriptions import left_out
 from nas_data.dataset.episode_checks import EpisodeEntry, find_untrusted, read_episode_table
 from nas_data.dataset.features import Feature
 from nas_data.dataset.filmed import FilmedSource
 from nas_data.dataset.provenance import Parent, Provenance, now, package_versions, read_provenance
-from nas_data.dataset.read import Rows, episode_tasks, read, read_tasks
+from nas_data.dataset.read import Rows, episode_tasks, frame_tasks, read, read_tasks
 from nas_data.dataset.read_damaged import Salvage, salvage
 from nas_data.dataset.staging import MARK, leftovers
 from nas_data.dataset.verify import METADATA, VerifyInput
@@ -112,6 +113,7 @@ def recover(root: Path, beyond: bool = False, like: Path | None = None) -> Rescu
         reports.append("the rows are whole, the metadata are not: they are made anew")
     tasks = _tasks(root, found, known)
     dataset = _dataset(info, found, kept, tasks)
+    dataset = replace(dataset, frame_tasks=_frame_tasks(root, found, kept))
     carried, left_out = _carried(root, info, found, kept, dataset.lengths, described=like is None)
     dataset, reports = replace(dataset, carried=carried), [*reports, *left_out]
     unknown = [episode for episode in kept if not tasks[episode]]
@@ -212,19 +214,22 @@ def _carried(
         try:
             return Carried.rescued(root, kept, lengths), []
         except DatasetInvalid as error:
-            reason = str(error).rstrip(".")
+            reason = _reason(error)
     if described and {layout.described(info)[key].get("dtype") for key in keys} == {VIDEO}:
         try:
             filmed = FilmedSource(root, found.episodes, found.lengths, float(str(info["fps"])))
             return Carried.rescued(root, kept, lengths, filmed), []
         except DatasetInvalid as error:
-            reason = str(error).rstrip(".")
+            reason = _reason(error)
     if not keys:
         return None, []
-    names = ", ".join(f"'{key}' ({kind})" for key, kind in keys.items())
-    return None, [
-        f"left out: {names}, because {reason}; what there is of it lies in {root / 'videos'} and {root / 'data'}"
-    ]
+    lost = left_out({key: layout.described(info)[key] for key in keys}, reason)
+    return None, [f"{lost}; what there is of it lies in {root / 'videos'} and {root / 'data'}"]
+
+
+def _reason(error: DatasetInvalid) -> str:
+    """Return what is wrong without the remedy."""
+    return str(error).partition(";")[0].rstrip(".")
 
 
 def _tasks(root: Path, found: Salvage, known: Mapping[int, EpisodeEntry]) -> dict[int, str]:
@@ -238,6 +243,17 @@ def _tasks(root: Path, found: Salvage, known: Mapping[int, EpisodeEntry]) -> dic
         episode: task or ("; ".join(known[episode].tasks) if episode in known else "")
         for episode, task in zip(found.episodes.tolist(), tasks, strict=True)
     }
+
+
+def _frame_tasks(root: Path, found: Salvage, kept: Sequence[int]) -> np.ndarray | None:
+    """Return the task of each recovered frame; None if each episode has a single one, or the task table is lost."""
+    try:
+        names = read_tasks(root)
+    except DatasetInvalid:
+        return None
+    places = np.flatnonzero(np.isin(found.episodes, kept))
+    numbers = found.columns["task_index"][np.isin(found.row_episodes(), places), 0]
+    return frame_tasks(names, numbers, found.lengths[places]) if set(numbers.tolist()) <= names.keys() else None
 
 
 def _new_provenance(root: Path, before: Provenance | None, dataset: Dataset, kept: Sequence[int]) -> Provenance:

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
 from nas_data.dataset.content import content_hash
-from nas_data.dataset.layout import PROVENANCE
+from nas_data.dataset.layout import PROVENANCE, other_features, read_info
 from nas_data.dataset.pack import MANIFEST, Manifest, check_unchanged, hashes, is_plain, write_pack
 from nas_data.dataset.read import read
 from nas_data.dataset.staging import staging_folder, write_synced
@@ -155,17 +155,18 @@ def _settle(hidden: Path, home: Path, manifest: Manifest) -> Path:
     for path in list_versions(home):
         # A dataset without provenance stores no content hash; it is computed from the rows.
         same_name = path.name.endswith(manifest.content_hash[:8])
-        if same_name and not (path / PROVENANCE).is_file() and _hash(path) == manifest.content_hash:
+        if same_name and not (path / PROVENANCE).is_file() and _is_same(path, manifest):
             return path
     return settle(hidden, home, manifest.content_hash, manifest.number)
 
 
-def _hash(path: Path) -> str | None:
-    """Return the content hash of a dataset's rows; None if they cannot be read."""
+def _is_same(path: Path, manifest: Manifest) -> bool:
+    """Whether a dataset has a pack's rows; its files too if it has features that the content hash leaves out."""
     try:
-        return content_hash(read(path))
+        carries = other_features(read_info(path))
+        return content_hash(read(path)) == manifest.content_hash and (not carries or hashes(path) == manifest.files)
     except NasError:
-        return None
+        return False
 
 
 def _remove_empty(folder: Path, present: Path) -> None:

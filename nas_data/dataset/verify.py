@@ -180,6 +180,17 @@ def _episodes(evidence: VerifyInput) -> Iterator[str]:
             yield f"meta/episodes says {key} {found[wrong[0]]} for episode {wrong[0]}, the rows say {values[wrong[0]]}."
 
 
+def _passed_through(evidence: VerifyInput) -> Iterator[str]:
+    """Report a missing video or column where no provenance tells which files there were."""
+    dataset = evidence.dataset
+    if dataset.carried is None or evidence.provenance is not None:
+        return
+    try:
+        dataset.carried.check(dataset.starts, dataset.lengths)
+    except DatasetInvalid as error:
+        yield str(error)
+
+
 def _statistics(evidence: VerifyInput) -> Iterator[str]:
     """Compare `meta/stats.json`, which policies normalise with, with the values."""
     path = evidence.root / layout.STATS
@@ -249,6 +260,7 @@ METADATA: tuple[Callable[[VerifyInput], Iterator[str]], ...] = (_indices, _episo
 PROBLEMS: tuple[Callable[[VerifyInput], Iterator[str]], ...] = (
     _content,
     *METADATA,
+    _passed_through,
     _recording,
     _continuity,
 )

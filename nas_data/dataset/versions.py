@@ -9,13 +9,14 @@ from pathlib import Path
 from nas_data.dataset.checks import check_storable
 from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.layout import INFO, SOURCE, SOURCE_EFFECTS
+from nas_data.dataset.layout import INFO, SOURCE, SOURCE_EFFECTS, other_features, read_info, tools
 from nas_data.dataset.provenance import Parent, Provenance, read_provenance
 from nas_data.dataset.staging import check_creatable, lock_folder, publish, staging_folder
 from nas_data.dataset.write import fill, write
 from nas_data.errors import DatasetInvalid, DatasetNotFound, OptionError
 
 FOLDER = Path("datasets")
+CARRYING = ("data/", "videos/", "meta/episodes/", INFO)  # where pass-through features and their places are stored
 VERSION = re.compile(r"v(\d+)-([0-9a-f]{8})")
 
 
@@ -113,7 +114,8 @@ def new_version(
     digest = content_hash(dataset)
     home = folder / name
     written = {name: hashlib.sha256(content).hexdigest() for name, content in (attachments or {}).items()}
-    existing = _same_content(home, digest, _source_of(written), damaged)
+    carries = dataset.carried is not None or dataset.frame_tasks is not None
+    existing = None if carries else _same_content(home, digest, written, damaged)
     if existing:
         return existing
     with staging_folder(home / "version") as hidden:
@@ -142,8 +144,10 @@ def settle(hidden: Path, home: Path, digest: str, number: int = 0, damaged: Path
     """
     with lock_folder(home):  # one process at a time chooses a number
         staged_provenance = read_provenance(hidden)
-        source = _source_of(staged_provenance.files if staged_provenance else {})
-        existing = _same_content(home, digest, source, damaged)
+        files = staged_provenance.files if staged_provenance else {}
+        info = read_info(hidden)
+        carries = bool(other_features(info) or tools(info))
+        existing = _same_content(home, digest, files, damaged, carries)
         if existing:
             return existing
         taken = {_number(path) for path in home.iterdir() if VERSION.fullmatch(path.name)}
@@ -225,13 +229,31 @@ def _source_of(files: Mapping[str, str]) -> dict[str, str]:
     return {name: files[name] for name in (SOURCE, SOURCE_EFFECTS) if name in files}
 
 
-def _same_content(home: Path, digest: str, source: Mapping[str, str], damaged: Path | None = None) -> Path | None:
-    """Return the newest version with a content hash and a source."""
+def _same_content(
+    home: Path, digest: str, files: Mapping[str, str], damaged: Path | None = None, carries: bool = False
+) -> Path | None:
+    """Return the newest version with a content hash and the same source model.
+
+    The content hash leaves out pass-through features. Where a dataset has some, the files that hold them are compared:
+    equal rows with other pictures or messages are another version.
+
+    Args:
+        home: Folder of the name's versions.
+        digest: The content hash.
+        files: SHA-256 of each file by its path.
+        damaged: A version not to return, although it claims the same content.
+        carries: Whether there are pass-through features.
+    """
+
+    def identity(hashes: Mapping[str, str]) -> dict[str, str]:
+        stored = {name: value for name, value in hashes.items() if name.startswith(CARRYING)}
+        return _source_of(hashes) | (stored if carries else {})
+
     for path in reversed(list_versions(home)):
         if path.name.endswith(digest[:8]) and not (damaged and path.samefile(damaged)):
             provenance = read_provenance(path)
             if provenance is None or provenance.content_hash != digest:
                 continue
-            if _source_of(provenance.files) == source:
+            if identity(provenance.files) == identity(files):
                 return path
     return None

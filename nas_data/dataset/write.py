@@ -14,7 +14,6 @@ import pyarrow.parquet as pq
 
 from nas_data.dataset import layout
 from nas_data.dataset.card import render_card
-from nas_data.dataset.carried import Carried
 from nas_data.dataset.carried import overall as overall_of
 from nas_data.dataset.checks import check_storable
 from nas_data.dataset.content import content_hash, stored_column
@@ -90,25 +89,24 @@ def _files(
         attachments: Further files by their path.
         places: Columns of the episode table that locate the videos.
     """
-    tasks = list(dict.fromkeys(dataset.tasks))
+    tasks = dataset.all_tasks
     columns = {key: stored_column(dataset, key) for key in dataset.features}
     columns |= automatic_columns(dataset, tasks)
     # Metadata come first, so that the files of a killed writer can be recovered.
     yield layout.INFO, json_bytes(info_of(dataset, len(tasks)))
     yield layout.TASKS, parquet(_task_table(tasks))
-    files = split_episodes(dataset.lengths, sum(column.itemsize * column.shape[1] for column in columns.values()))
+    row_bytes = sum(column.itemsize * column.shape[1] for column in columns.values())
+    carried = dataset.carried
+    files = split_episodes(dataset.lengths, row_bytes + (carried.row_bytes if carried else 0))
     # NumPy sorts and Arrow encodes without the GIL, so both run in parallel.
     with ThreadPoolExecutor(max_workers=1) as beside:
         statistics_later = beside.submit(statistics, columns, dataset.lengths)
         for number, episodes in enumerate(files):
-            yield (
-                layout.numbered_path(layout.DATA_TEMPLATE, number),
-                data_file(columns, dataset.lengths, episodes, dataset.carried),
-            )
+            yield layout.numbered_path(layout.DATA_TEMPLATE, number), data_file(columns, dataset, episodes)
         found = statistics_later.result()
     table = episode_table(dataset, files, found)
     table = pa.table({**{key: table[key] for key in table.column_names}, **{k: pa.array(v) for k, v in places.items()}})
-    seen = dataset.carried.statistics(dataset.starts) if dataset.carried else []
+    seen = carried.statistics(dataset.starts) if carried else []
     for key in dict.fromkeys(key for entry in seen for key in entry):
         table = table.append_column(key, pa.array([entry.get(key) for entry in seen]))
     for number, rows in enumerate(split_episodes(np.ones(len(table)), int(table.nbytes / len(table)) + 1)):
@@ -129,12 +127,16 @@ def automatic_columns(dataset: Dataset, tasks: list[str]) -> dict[str, np.ndarra
     index = np.arange(dataset.n_frames)
     frame = index - np.repeat(dataset.starts, lengths)
     task_index = {task: number for number, task in enumerate(tasks)}
+    if dataset.frame_tasks is None:
+        numbers_of_tasks = np.repeat([task_index[task] for task in dataset.tasks], lengths)
+    else:
+        numbers_of_tasks = np.array([task_index[task] for task in dataset.frame_tasks.tolist()])
     columns = {
         "timestamp": frame / dataset.fps,
         "frame_index": frame,
         "episode_index": np.repeat(np.arange(len(lengths)), lengths),
         "index": index,
-        "task_index": np.repeat([task_index[task] for task in dataset.tasks], lengths),
+        "task_index": numbers_of_tasks,
     }
     return {key: column.astype(layout.AUTOMATIC[key])[:, None] for key, column in columns.items()}
 
@@ -151,18 +153,20 @@ def split_episodes(lengths: np.ndarray, row_bytes: int) -> list[range]:
     return [*files, range(start, len(lengths))]
 
 
-def data_file(
-    columns: Mapping[str, np.ndarray], lengths: np.ndarray, episodes: range, carried: Carried | None = None
-) -> memoryview:
+def data_file(columns: Mapping[str, np.ndarray], dataset: Dataset, episodes: range) -> memoryview:
     """Return a Parquet file of some episodes, one row group an episode as LeRobot has it."""
+    lengths, carried = dataset.lengths, dataset.carried
     first, last = int(lengths[: episodes.start].sum()), int(lengths[: episodes.stop].sum())
     arrays = {key: _arrow(column[first:last]) for key, column in columns.items()}
-    further = carried.columns(slice(first, last)) if carried else {}
+    further = carried.columns(first, lengths[episodes.start : episodes.stop], dataset.fps) if carried else {}
     metadata = _huggingface(columns, carried.huggingface() if carried else {})
     table = pa.table({**arrays, **further}).replace_schema_metadata(metadata)
     stream = pa.BufferOutputStream()
-    # Dictionaries make files of floats larger and twice as slow; LeRobot filters episodes by episode_index only.
-    with pq.ParquetWriter(stream, table.schema, use_dictionary=False, write_statistics=["episode_index"]) as writer:
+    # Dictionaries make files of floats larger and twice as slow, those of messages that every frame repeats ten times
+    # smaller. LeRobot filters episodes by episode_index only.
+    repeated: list[str] | bool = [path for key in further for path in _texts_of(table.schema.field(key).type, key)]
+    options = {"use_dictionary": repeated or False, "write_statistics": ["episode_index"]}
+    with pq.ParquetWriter(stream, table.schema, **options) as writer:
         sizes = lengths[episodes.start : episodes.stop]
         breaks = [0, *(np.flatnonzero(np.diff(sizes)) + 1).tolist(), len(sizes)]
         row = 0
@@ -171,6 +175,19 @@ def data_file(
             writer.write_table(table.slice(row, rows), row_group_size=int(sizes[start]))
             row += rows
     return memoryview(stream.getvalue())
+
+
+def _texts_of(kind: pa.DataType, path: str) -> Iterator[str]:
+    """Yield the path of each text in a column."""
+    if isinstance(kind, pa.BaseExtensionType):
+        yield from _texts_of(kind.storage_type, path)
+    elif pa.types.is_list(kind):
+        yield from _texts_of(kind.value_type, f"{path}.list.element")
+    elif pa.types.is_struct(kind):
+        for field in kind:
+            yield from _texts_of(field.type, f"{path}.{field.name}")
+    elif pa.types.is_string(kind):
+        yield path
 
 
 def _arrow(column: np.ndarray) -> pa.Array:
@@ -192,9 +209,10 @@ def episode_table(dataset: Dataset, files: list[range], found: Mapping[str, Stat
     """Return the table of `meta/episodes`: location and statistics of each episode."""
     lengths = np.asarray(dataset.lengths, np.int64)
     number = np.repeat(np.arange(len(files)), [len(episodes) for episodes in files])
+    tasks = dataset.episode_tasks
     columns: dict[str, pa.Array] = {
         "episode_index": numbers(np.arange(len(lengths))),
-        "tasks": lists(texts(dataset.tasks), np.ones(len(lengths), np.int64)),
+        "tasks": lists(texts([task for found in tasks for task in found]), [len(found) for found in tasks]),
         "length": numbers(lengths),
         "data/chunk_index": numbers(number // layout.FILES_PER_CHUNK),
         "data/file_index": numbers(number % layout.FILES_PER_CHUNK),
@@ -226,7 +244,7 @@ def info_of(dataset: Dataset, n_tasks: int) -> dict[str, object]:
     further = dataset.carried.features if dataset.carried else {}
     features |= {key: dict(entry) for key, entry in further.items()}
     features |= {key: {"dtype": dtype, "shape": [1], "names": None} for key, dtype in layout.AUTOMATIC.items()}
-    return {
+    info = {
         "codebase_version": layout.CODEBASE_VERSION,
         "robot_type": dataset.robot_type,
         "total_episodes": dataset.n_episodes,
@@ -241,6 +259,8 @@ def info_of(dataset: Dataset, n_tasks: int) -> dict[str, object]:
         "video_path": VIDEO_PATH if any(entry.get("dtype") == VIDEO for entry in further.values()) else None,
         "features": features,
     }
+    tools = dataset.carried.tools if dataset.carried else []
+    return info | {"tools": tools} if tools else info
 
 
 def parquet(table: pa.Table) -> memoryview:

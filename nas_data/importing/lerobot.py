@@ -9,8 +9,10 @@ import numpy as np
 from nas_data.dataset import layout
 from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.audits.base import AuditFinding
+from nas_data.dataset.carried import VIDEO_LEFT_OUT
 from nas_data.dataset.cutting import cut_at, find_gaps
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.descriptions import left_out
 from nas_data.dataset.features import TIME
 from nas_data.dataset.foreign import import_command, is_ours, refuse
 from nas_data.dataset.joints import REMEDY, Components
@@ -19,7 +21,6 @@ from nas_data.dataset.read import read, read_stamps, with_clock
 from nas_data.dataset.rows import rows_text
 from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import parent_of, resolve
-from nas_data.dataset.videos import VIDEO
 from nas_data.errors import DatasetInvalid, LogError, OptionError
 from nas_data.importing.calibration import UNITS, choose_unit, motors_of, read_calibration, with_raw_unit
 from nas_data.importing.formats import folder_kind, is_folder_log
@@ -176,14 +177,16 @@ def import_dataset(path: Path, options: ImportOptions) -> tuple[Dataset, Provena
     elif TIME not in recorded.features:
         recorded = with_clock(recorded, read_stamps(root))
     if options.rate is not None:
-        recorded = replace(recorded, fps=options.rate, carried=None if _has_video(recorded) else recorded.carried)
+        recorded = replace(recorded, fps=options.rate)
+        if recorded.carried and options.rate != original.fps:
+            recorded = replace(recorded, carried=recorded.carried.without_videos())
     gaps = find_gaps(recorded)
     divided = cut_at(recorded, [frame for frame, _ in gaps])
     try:
         dataset, derived = as_transitions(divided)
     except DatasetInvalid as error:
         raise DatasetInvalid(str(error).replace(REMEDY, import_command(path, recorded))) from None
-    findings = (*_report_gaps(recorded, gaps), *audit_dataset(dataset))
+    findings = (*_report_gaps(recorded, gaps), *_report_videos(path, original, recorded), *audit_dataset(dataset))
     refuse(path, findings, recorded)
     provenance = Provenance(
         how="imported",
@@ -207,9 +210,11 @@ def _refuse_own(root: Path) -> None:
         raise OptionError(f"{root} is a dataset of nas already; use it as it is (nas info, nas pair, nas gap).")
 
 
-def _has_video(dataset: Dataset) -> bool:
-    features = dataset.carried.features if dataset.carried else {}
-    return any(entry.get("dtype") == VIDEO for entry in features.values())
+def _report_videos(path: Path, before: Dataset, after: Dataset) -> list[AuditFinding]:
+    """Return a finding on the videos that are left out, if there are any."""
+    had, has = (dataset.carried.features if dataset.carried else {} for dataset in (before, after))
+    lost = {key: entry for key, entry in had.items() if key not in has}
+    return [AuditFinding("left_out", str(path), left_out(lost, VIDEO_LEFT_OUT), minor=True)] if lost else []
 
 
 def _without_clock(dataset: Dataset) -> Dataset:

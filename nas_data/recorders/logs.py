@@ -9,7 +9,10 @@ import numpy as np
 
 from nas_data.count_of import count_of
 from nas_data.dataset.audits.base import AuditFinding
+from nas_data.dataset.carried import VIDEO_LEFT_OUT, Carried, shared_features
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.derive_provenance import subtasks
+from nas_data.dataset.descriptions import left_out
 from nas_data.dataset.features import (
     ACTION,
     ENVIRONMENT,
@@ -81,11 +84,15 @@ def import_logs(paths: Sequence[Path], mapping: Map, progress: Callable[[str], N
             recordings.append(recording)
     raise_audit_errors(findings)
     ready = [_finish(recording, mapping) for recording in recordings]
-    dataset = _dataset(ready, mapping)
+    dataset, kept = _dataset(ready, mapping), {}
+    if mapping.layout.format == "lerobot":
+        kept = subtasks([resolve(log) for log in logs])
+        dataset, lost = _with_rest(dataset, ready, mapping)
+        findings += lost
     return Import(
-        dataset=_with_rest(dataset, ready, mapping) if mapping.layout.format == "lerobot" else dataset,
+        dataset=dataset,
         provenance=_provenance(logs, ready, mapping, findings),
-        attachments={MAP_ATTACHMENT: mapping.text.encode()},
+        attachments={MAP_ATTACHMENT: mapping.text.encode(), **kept},
         findings=tuple(findings),
     )
 
@@ -186,8 +193,14 @@ def _dataset(recordings: Sequence[Recording], mapping: Map) -> Dataset:
     )
 
 
-def _with_rest(dataset: Dataset, recordings: Sequence[Recording], mapping: Map) -> Dataset:
-    """Add the other features of LeRobot datasets: vectors, and passed-through data such as videos."""
+def _with_rest(
+    dataset: Dataset, recordings: Sequence[Recording], mapping: Map
+) -> tuple[Dataset, Sequence[AuditFinding]]:
+    """Add the other features of LeRobot datasets: vectors, and passed-through data such as videos.
+
+    Returns:
+        The dataset, and a finding on each passed-through feature that is left out.
+    """
     sources = {file: read(resolve(Path(file))) for file in dict.fromkeys(recording.file for recording in recordings)}
     first, *others = sources.values()
     used = {STATE, ACTION, NEXT_STATE, SIM_STATE, TIME, *dataset.features}
@@ -199,13 +212,36 @@ def _with_rest(dataset: Dataset, recordings: Sequence[Recording], mapping: Map) 
         if key == ENVIRONMENT:
             rows = [sources[recording.file].columns[key][recording.rows[1:]] for recording in recordings]
             dataset = dataset.with_column(f"next.{key}", first.features[key], np.concatenate(rows))
-    if mapping.resample or mapping.fps != first.fps:
-        return dataset  # video frames are stored at the rate of the source
+    if mapping.task == "{task}" and not mapping.resample:
+        told = [sources[recording.file].task_of_frame[recording.rows[:-1]] for recording in recordings]
+        dataset = replace(dataset, frame_tasks=np.concatenate(told))
     carried = [
         source.carried and source.carried.take(np.concatenate([r.rows[:-1] for r in recordings if r.file == file]))
         for file, source in sources.items()
     ]
-    return replace(dataset, carried=merge_carried(carried))
+    kept = None if mapping.resample else merge_carried(carried)
+    if kept is not None and mapping.fps != first.fps:
+        kept = kept.without_videos()
+    return replace(dataset, carried=kept), _report_lost(recordings, carried, kept, mapping)
+
+
+def _report_lost(
+    recordings: Sequence[Recording], carried: Sequence[Carried | None], kept: Carried | None, mapping: Map
+) -> list[AuditFinding]:
+    """Return a finding on the passed-through features that are left out, for each reason."""
+    everything = {key: entry for part in carried if part for key, entry in part.features.items()}
+    lost = {key: entry for key, entry in everything.items() if kept is None or key not in kept.features}
+    shared = set(shared_features(carried))
+    reasons = {
+        "they belong to the rows that were recorded, which are resampled": lost if mapping.resample else {},
+        "not every dataset has them, or not all store them alike": {} if mapping.resample else lost.keys() - shared,
+        VIDEO_LEFT_OUT: {} if mapping.resample else lost.keys() & shared,
+    }
+    file = recordings[0].file
+    sentences = [
+        left_out({key: lost[key] for key in lost if key in keys}, why) for why, keys in reasons.items() if keys
+    ]
+    return [AuditFinding("left_out", file, sentence) for sentence in sentences]
 
 
 def _states(recording: Recording) -> np.ndarray:

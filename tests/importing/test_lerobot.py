@@ -428,6 +428,36 @@ def test_pictures_that_cannot_be_rescued_are_named_with_their_place(here, filmed
     assert verify(here / "rescued") == []
 
 
+@pytest.mark.slow
+def test_two_commands_lead_from_a_filmed_dataset_to_the_report_that_the_log_in_radians_gives(here):
+    motors = write_calibration(here / "cal.json", JOINTS, turned=("j2",))
+    factors = np.degrees(
+        [
+            (-1 if motor["drive_mode"] else 1) * 4095 / 360 * 200 / (motor["range_max"] - motor["range_min"])
+            for motor in motors.values()
+        ]
+    )
+    Path("model.xml").write_text(ARM.replace('kp="2"', 'kp="1.6"', 1))
+    units = {
+        "rad": (1.0, []),
+        "deg": (180 / np.pi, ["--unit", "deg"]),
+        "range": (factors, ["--unit", "range", "--calibration", "cal.json"]),
+    }
+    reports = {}
+    for name, (factor, said) in units.items():
+        episodes = [(states * factor, commands * factor) for states, commands in motions(6, 150)]
+        write_lerobot(here / name, episodes, camera=True)
+        assert main(["import", name, *said, "--out", f"{name}_imported"]) == 0
+        assert main(["gap", f"{name}_imported", "--model", "model.xml", "--out", f"{name}_gap"]) == 0
+        reports[name] = json.loads(Path(f"{name}_gap/report.json").read_text())
+    for report in reports.values():
+        (found,) = report["effects"]
+        assert (report["verdict"], found["effect"], found["joint"]) == ("explained", "servo_stiffness", "j1")
+        assert found["parameters"]["factor"]["value"] == pytest.approx(1.25, rel=1e-3)
+        for key in ("noise_floor", "before"):
+            assert report["gap"][key] == pytest.approx(reports["rad"]["gap"][key], rel=1e-5)
+
+
 def said_by_checkers(root: Path) -> set[tuple[str, str]]:
     """What lerobot-doctor and robovet find wrong or warn of."""
     from lerobot_doctor.dataset_loader import load_dataset

@@ -5,9 +5,10 @@ import os
 os.environ["HF_HUB_OFFLINE"] = "1"  # before anything imports huggingface_hub
 os.environ["HF_DATASETS_DISABLE_PROGRESS_BARS"] = "1"
 
+import importlib.util
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import mujoco
@@ -25,6 +26,9 @@ ARM = """<mujoco><compiler angle="radian" autolimits="true"/>
 </body></body></worldbody>
 <actuator><position joint="j1" kp="2" kv="0.1"/><position joint="j2" kp="2" kv="0.1"/></actuator></mujoco>"""
 JOINTS = ("j1", "j2")
+DEPTH = {"depth": "video", "near": "image"}  # cameras that measure depth
+LASTING = ("subtask", "plan", "memory", "motion", "task_aug")  # LeRobot's styles of what stays true
+MESSAGE = ("role", "content", "style", "timestamp", "camera", "tool_calls")
 SO101 = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 
 
@@ -52,17 +56,20 @@ def write_lerobot(
     camera: bool = False,
     only_video: bool = False,
     killed: bool = False,
+    depth: type | None = None,
+    task: Callable[[int, int], str] = lambda episode, row: f"pick {episode % 2}",
 ) -> Path:
     """Write a dataset by LeRobot itself; with a camera it has a video, a picture, and a text and a matrix as well.
 
-    One that is killed is what lies there before LeRobot ends it.
+    With a type of depth (uint16 for mm, float32 for m) two cameras measure it, one as a video, one as pictures; LeRobot
+    knows them from 0.6 on. One that is killed is what lies there before LeRobot ends it.
     """
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
     vector = {"dtype": "float32", "shape": (len(joints),), "names": [f"{joint}.pos" for joint in joints]}
     features = {"observation.state": vector, "action": dict(vector)}
+    names = ["height", "width", "channels"]
     if camera:
-        names = ["height", "width", "channels"]
         features["observation.images.front"] = {"dtype": "video", "shape": (64, 96, 3), "names": names}
     if camera and not only_video:
         features |= {
@@ -70,16 +77,27 @@ def write_lerobot(
             "language": {"dtype": "string", "shape": (1,), "names": None},
             "grid": {"dtype": "float32", "shape": (2, 2), "names": None},
         }
+    for camera_key, kind in DEPTH.items() if depth else ():
+        marked = {"dtype": kind, "shape": (32, 48, 1), "names": names, "info": {"is_depth_map": True}}
+        features[f"observation.images.{camera_key}"] = marked
     work = root.with_name(f"{root.name}_under_way") if killed else root
     target = LeRobotDataset.create(
-        "nas/test", fps=RATE, features=features, root=work, robot_type=robot, use_videos=camera, video_backend="pyav"
+        "nas/test",
+        fps=RATE,
+        features=features,
+        root=work,
+        robot_type=robot,
+        use_videos=camera or depth is not None,
+        video_backend="pyav",
     )
     for number, (states, commands) in enumerate(episodes):
         for row, (state, command) in enumerate(zip(states, commands, strict=True)):
             frame = {"observation.state": state.astype(np.float32), "action": command.astype(np.float32)}
             if camera:
                 frame |= {key: value for key, value in pictures(row).items() if key in features}
-            target.add_frame({**frame, "task": f"pick {number % 2}"})
+            if depth:
+                frame |= {f"observation.images.{camera_key}": distances(number, row, depth) for camera_key in DEPTH}
+            target.add_frame({**frame, "task": task(number, row)})
         target.save_episode()
     if killed:
         shutil.copytree(work, root)
@@ -97,6 +115,65 @@ def pictures(row: int) -> dict[str, object]:
         "language": text,
         "grid": grid,
     }
+
+
+def distances(episode: int, row: int, depth: type) -> np.ndarray:
+    """What depth cameras see at a row of an episode, in mm or, as floats, in m."""
+    slope = 400 + 3 * row + 200 * episode + np.arange(48)[None, :] + np.arange(32)[:, None]
+    return (slope if depth is np.uint16 else slope / 1000).astype(depth)[:, :, None]
+
+
+def annotate(root: Path, said: Callable[[int], Sequence[Mapping[str, object]]]) -> Path:
+    """Add language columns to a dataset, as `lerobot-annotate` does: by LeRobot's own writer where it has one.
+
+    Args:
+        root: The dataset.
+        said: Messages of an episode, each with the time of the frame at which it is said or begins.
+    """
+    if importlib.util.find_spec("lerobot.annotations") is None:
+        return _annotate_by_hand(root, said)
+    from lerobot.annotations.steerable_pipeline.executor import Executor
+    from lerobot.annotations.steerable_pipeline.reader import iter_episodes
+    from lerobot.annotations.steerable_pipeline.staging import EpisodeStaging
+    from lerobot.annotations.steerable_pipeline.writer import LanguageColumnsWriter
+
+    records, staged = list(iter_episodes(root)), root / ".annotate_staging"
+    for record in records:
+        rows = [
+            {**row, "timestamp": min(record.frame_timestamps, key=lambda t, at=row["timestamp"]: abs(t - at))}
+            for row in said(record.episode_index)
+        ]
+        EpisodeStaging(staged, record.episode_index).write("plan", rows)
+    LanguageColumnsWriter().write_all(records, staged, root)
+    Executor._ensure_annotation_metadata_in_info(root)
+    shutil.rmtree(staged)
+    return root
+
+
+def _annotate_by_hand(root: Path, said: Callable[[int], Sequence[Mapping[str, object]]]) -> Path:
+    """Write the columns that LeRobot 0.6 writes."""
+    for path in sorted((root / "data").glob("*/*.parquet")):
+        table = pq.read_table(path)
+        lasting, events = [], []
+        for episode, time in zip(*(table[key].to_pylist() for key in ("episode_index", "timestamp")), strict=True):
+            messages = [{key: message.get(key) for key in MESSAGE} for message in said(episode)]
+            lasting.append([message for message in messages if message["style"] in LASTING])
+            now = [one for one in messages if one not in lasting[-1] and abs(one["timestamp"] - time) < 0.5 / RATE]
+            events.append([{key: value for key, value in message.items() if key != "timestamp"} for message in now])
+        table = table.append_column("language_persistent", pa.array(lasting))
+        pq.write_table(table.append_column("language_events", pa.array(events)), path)
+    info = json.loads((root / "meta/info.json").read_text())
+    entry = {"dtype": "language", "shape": [1], "names": None}
+    info["features"] |= {"language_persistent": entry, "language_events": dict(entry)}
+    info["tools"] = [{"type": "function", "function": {"name": "say"}}]
+    (root / "meta/info.json").write_text(json.dumps(info))
+    return root
+
+
+def speech(time: float, **arguments: object) -> dict[str, object]:
+    """A message that speaks, as LeRobot's pipeline makes it."""
+    calls = [{"type": "function", "function": {"name": "say", "arguments": arguments}}]
+    return {"role": "assistant", "content": None, "style": None, "timestamp": time, "tool_calls": calls}
 
 
 def stamp(root: Path, times: Callable[[np.ndarray], np.ndarray]) -> Path:

@@ -1,0 +1,71 @@
+"""LeRobot's descriptions of pass-through features: whether two datasets may be joined in one, and what it then says."""
+
+from collections.abc import Mapping, Sequence
+
+Description = Mapping[str, object]
+
+LANGUAGE = "language"
+# How numbers in the pixels of a depth camera become metres, in LeRobot's words (DepthEncoderConfig of 0.6).
+DEPTH_MARKS = ("is_depth_map", "video.is_depth_map")
+DEPTH_SCALE = ("depth_unit", "video.depth_min", "video.depth_max", "video.shift", "video.use_log")
+# How a video was made. A file is decoded by what it says itself, so that files that differ in these may be joined.
+ENCODER = (
+    *("video.g", "video.crf", "video.preset", "video.fast_decode", "video.extra_options", "video.video_backend"),
+    *("video.codec", "video.pix_fmt"),
+)
+
+
+def kind_of(entry: Description) -> str:
+    """Return type and shape as words."""
+    depth = " (depth)" if is_depth(entry) else ""
+    return f"{entry.get('dtype')} of shape {entry.get('shape')}{depth}"
+
+
+def left_out(features: Mapping[str, Description], reason: str) -> str:
+    """Return a sentence without its full stop on features that are not passed through."""
+    names = ", ".join(f"'{key}' ({kind_of(entry)})" for key, entry in features.items())
+    return f"left out: {names}, because {reason}"
+
+
+def is_depth(entry: Description) -> bool:
+    """Whether a camera measures depth, by LeRobot's own rule."""
+    return any(_info(entry, key).get(mark) for key in ("info", "video_info") for mark in DEPTH_MARKS)
+
+
+def difference(a: Description, b: Description) -> tuple[str, object, object] | None:
+    """Return what makes the values of two features mean different things, with both values; None if nothing does."""
+    for key in ("dtype", "shape"):
+        if a.get(key) != b.get(key):
+            return key, a.get(key), b.get(key)
+    if is_depth(a) != is_depth(b):
+        return DEPTH_MARKS[0], is_depth(a), is_depth(b)
+    scales = [_info(entry, "info") if is_depth(entry) else {} for entry in (a, b)]
+    unlike = next((key for key in DEPTH_SCALE if scales[0].get(key) != scales[1].get(key)), None)
+    return None if unlike is None else (unlike, scales[0].get(unlike), scales[1].get(unlike))
+
+
+def common_description(entries: Sequence[Description]) -> Description:
+    """Return the description of joined features: the first one's, without the encoding in which others differ."""
+    first, *others = entries
+    if not others:
+        return first
+    infos = [_info(entry, "info") for entry in entries]
+    unlike = [key for key in ENCODER if any(info.get(key) != infos[0].get(key) for info in infos)]
+    # LeRobot's merge writes the same for what is not known.
+    unknown: dict[str, object] = {key: {} if key == "video.extra_options" else None for key in unlike}
+    return {**first, "info": {**infos[0], **unknown}} if unlike else first
+
+
+def schema_entry(entry: Description) -> Mapping[str, object] | None:
+    """Return how `datasets` names the type of a column; None where it tells the type from the column itself.
+
+    LeRobot's annotation and editing tools write columns without it.
+    """
+    if entry.get("dtype") == "image":
+        return {"_type": "Image"}
+    return {"dtype": "string", "_type": "Value"} if entry.get("dtype") == "string" else None
+
+
+def _info(entry: Description, key: str) -> Mapping[str, object]:
+    info = entry.get(key)
+    return info if isinstance(info, Mapping) else {}
