@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from nas_data import __version__
 from nas_data.errors import NasError, OptionError
-from nas_data.visible_files import visible
+from nas_data.visible_files import list_visible_files
 
 if TYPE_CHECKING:
     from nas_data.commands.base import Command
@@ -23,33 +23,33 @@ COMMANDS = Path(__file__).parent / "commands"
 ARGUMENT = 4  # columns by which tyro indents an option that is missing; its help text stands deeper
 
 
-def command_files() -> dict[str, Path]:
+def list_command_files() -> dict[str, Path]:
     """Return the file of every command by its words, for example 'policy train'."""
-    files = [path for path in visible(COMMANDS, "*.py") if path.stem != "base" and path.stem[0] != "_"]
+    files = [path for path in list_visible_files(COMMANDS, "*.py") if path.stem != "base" and path.stem[0] != "_"]
     return {path.stem.rstrip("_").replace("_", " "): path for path in files}
 
 
-def summary(path: Path) -> str:
+def read_summary(path: Path) -> str:
     """Return the first line of a command file, which is the sentence that its docstring begins with."""
     with path.open(encoding="utf-8") as file:
         return file.readline().strip().strip('"')
 
 
-def overview(prefix: str = "") -> str:
+def format_overview(prefix: str = "") -> str:
     """Return the list of commands whose words start with a prefix."""
-    chosen = {name: path for name, path in command_files().items() if name.startswith(prefix)}
+    chosen = {name: path for name, path in list_command_files().items() if name.startswith(prefix)}
     width = max((len(name) for name in chosen), default=0)
     lines = [f"usage: nas {prefix + ' ' if prefix else ''}COMMAND [OPTIONS]", ""]
     if not prefix:
         lines += [f"nas_data {__version__}: record, pair, learn and name the gap between a simulator and a robot.", ""]
-    lines += [f"  {name:<{width}}  {summary(path)}" for name, path in chosen.items()]
+    lines += [f"  {name:<{width}}  {read_summary(path)}" for name, path in chosen.items()]
     lines += ["", "Every command explains itself, with an example: nas COMMAND --help"]
     return "\n".join(lines)
 
 
 def split(arguments: Sequence[str]) -> tuple[str | None, list[str]]:
     """Split arguments into the longest known command and the rest."""
-    files = command_files()
+    files = list_command_files()
     for count in range(min(3, len(arguments)), 0, -1):
         name = " ".join(arguments[:count])
         if name in files:
@@ -57,11 +57,11 @@ def split(arguments: Sequence[str]) -> tuple[str | None, list[str]]:
     return None, list(arguments)
 
 
-def command_class(name: str) -> "type[Command]":
+def load_command_class(name: str) -> "type[Command]":
     """Import the one command class of a command's file."""
     from nas_data.commands.base import Command
 
-    module = importlib.import_module(f"nas_data.commands.{command_files()[name].stem}")
+    module = importlib.import_module(f"nas_data.commands.{list_command_files()[name].stem}")
     for value in vars(module).values():
         if isinstance(value, type) and issubclass(value, Command) and value.__module__ == module.__name__:
             return value
@@ -76,7 +76,7 @@ def fail(message: str, as_json: bool) -> int:
     return 2
 
 
-def refusal(error: OSError) -> str:
+def describe_refusal(error: OSError) -> str:
     """Say in a sentence what the operating system refused, and of which file."""
     reason = " ".join((error.strerror or str(error)).split())
     if error.filename is None:
@@ -84,11 +84,11 @@ def refusal(error: OSError) -> str:
     return f"{error.filename} could not be read or written: {reason[:1].lower()}{reason[1:]}; choose another place."
 
 
-def unknown(arguments: Sequence[str]) -> int:
+def answer_unknown(arguments: Sequence[str]) -> int:
     """Answer words that are no command: the commands that start alike, or a sentence."""
     word = arguments[0]
-    if any(name.startswith(word + " ") for name in command_files()) and set(arguments[1:]) <= {"-h", "--help"}:
-        print(overview(word))
+    if any(name.startswith(word + " ") for name in list_command_files()) and set(arguments[1:]) <= {"-h", "--help"}:
+        print(format_overview(word))
         return 0 if len(arguments) > 1 else 2
     words = [word for word in arguments if not word.startswith("-")][:2] or arguments[:1]
     return fail(f"There is no command '{' '.join(words)}'; see: nas --help", "--json" in arguments)
@@ -114,14 +114,14 @@ def let_reader_go() -> None:
 def answer(arguments: list[str]) -> int:
     """Do what the arguments ask for and return the exit code; see `main`."""
     if not arguments or arguments[0] in {"-h", "--help"}:
-        print(overview())
+        print(format_overview())
         return 0 if arguments else 2
     if arguments[0] == "--version":
         print(f"nas_data {__version__}")
         return 0
     name, rest = split(arguments)
     if name is None:
-        return unknown(arguments)
+        return answer_unknown(arguments)
     return run(name, rest)
 
 
@@ -134,7 +134,7 @@ def parse(name: str, rest: list[str]) -> "Command":
     """
     import tyro
 
-    kind, said = command_class(name), io.StringIO()
+    kind, said = load_command_class(name), io.StringIO()
     heard = contextlib.redirect_stderr(said) if "--json" in rest else contextlib.nullcontext()
     try:
         with heard:
@@ -164,12 +164,12 @@ def run(name: str, rest: list[str]) -> int:
     except NasError as error:
         return fail(str(error), command.json)
     except OSError as error:  # nobody can repair a full disk or a missing permission, but it has a name
-        return fail(refusal(error), command.json)
+        return fail(describe_refusal(error), command.json)
     except KeyboardInterrupt:
         return fail("interrupted; what was finished is kept.", command.json) and 130
-    from nas_data.typed_json import finite
+    from nas_data.typed_json import make_finite
 
-    text = json.dumps(finite(outcome.data), indent=2, allow_nan=False) if command.json else outcome.text
+    text = json.dumps(make_finite(outcome.data), indent=2, allow_nan=False) if command.json else outcome.text
     try:
         print(text, flush=True)
     except BrokenPipeError:

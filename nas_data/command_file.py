@@ -56,7 +56,7 @@ def read_commands(path: Path, names: Sequence[str]) -> list[np.ndarray]:
         raise LogError(f"{path} holds no commands; it needs a header ({','.join(names)}) and a row per control step.")
     header = [name.strip() for name in rows[0]]
     _check_columns(path, header, names)
-    table = np.array([_numbers(path, header, line, row) for line, row in zip(lines[1:], rows[1:], strict=True)])
+    table = np.array([_parse_row(path, header, line, row) for line, row in zip(lines[1:], rows[1:], strict=True)])
     commands = table[:, [header.index(name) for name in names]]
     if EPISODE not in header:
         return [commands]
@@ -97,7 +97,7 @@ def _check_columns(path: Path, header: Sequence[str], names: Sequence[str]) -> N
         )
 
 
-def _numbers(path: Path, header: Sequence[str], line: int, row: Sequence[str]) -> list[float]:
+def _parse_row(path: Path, header: Sequence[str], line: int, row: Sequence[str]) -> list[float]:
     if len(row) != len(header):
         raise LogError(f"{path}, line {line} has {count_of(len(row), 'cell')}; the header has {len(header)}.")
     values = []

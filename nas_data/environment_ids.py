@@ -14,14 +14,14 @@ from nas_data import registry
 GYMNASIUM = "gymnasium"
 
 
-def environment_name(task: str) -> str:
+def make_environment_name(task: str) -> str:
     """Return a task's name as an environment: `ergo_reacher` → `ErgoReacher`."""
     return "".join(word.capitalize() for word in task.split("_"))
 
 
-def environment_id(task: str) -> str:
+def make_environment_id(task: str) -> str:
     """Return a task's name as Gymnasium registers it: `ergo_reacher` → `nas/ErgoReacher-v0`."""
-    return f"nas/{environment_name(task)}-v0"
+    return f"nas/{make_environment_name(task)}-v0"
 
 
 def register_when_loaded() -> None:
@@ -36,9 +36,9 @@ def register() -> None:
     """Register every environment with Gymnasium."""
     import gymnasium
 
-    for task in registry.names("envs"):
+    for task in registry.list_names("envs"):
         gymnasium.register(
-            id=environment_id(task), entry_point="nas_data.envs.loop.arm_env:ArmEnv", kwargs={"task": task}
+            id=make_environment_id(task), entry_point="nas_data.envs.loop.arm_env:ArmEnv", kwargs={"task": task}
         )
 
 

@@ -49,17 +49,17 @@ OF_SLIDES = {
 }
 
 
-def unit_at(unit: str, slide: bool) -> str:
+def convert_hinge_unit(unit: str, slide: bool) -> str:
     """Return the unit that a quantity with this unit at a hinge has at a joint; ratios, seconds and masses keep it."""
     return OF_SLIDES.get(unit, unit) if slide else unit
 
 
-def display_unit(si: str) -> JointUnit:
+def find_display_unit(si: str) -> JointUnit:
     """Return how positions in a unit inside are shown."""
     return next((unit for unit in (SLIDE, SHARE) if unit.si == si), HINGE)
 
 
-def joint_unit(joint: str, slides: Collection[str]) -> JointUnit:
+def find_joint_unit(joint: str, slides: Collection[str]) -> JointUnit:
     """Return the unit of a joint's positions.
 
     Args:
@@ -69,7 +69,7 @@ def joint_unit(joint: str, slides: Collection[str]) -> JointUnit:
     return SLIDE if joint in slides else HINGE
 
 
-def kinds_of(joints: Sequence[str], slides: Collection[str]) -> list[tuple[JointUnit, np.ndarray]]:
+def group_by_kind(joints: Sequence[str], slides: Collection[str]) -> list[tuple[JointUnit, np.ndarray]]:
     """Return the kinds of joints that an arm has, hinges first, each with the places of its joints.
 
     Errors of both kinds are never averaged: a figure over all joints is one of the first kind, with a second figure
@@ -80,7 +80,7 @@ def kinds_of(joints: Sequence[str], slides: Collection[str]) -> list[tuple[Joint
     return [(unit, places) for unit, places in found if len(places)] or [(HINGE, np.arange(len(joints)))]
 
 
-def mean_of_kind(values: np.ndarray, joints: Sequence[str], slides: Collection[str]) -> np.ndarray:
+def average_by_kind(values: np.ndarray, joints: Sequence[str], slides: Collection[str]) -> np.ndarray:
     """Return for each joint the mean of a quantity over the joints of its kind, shape (n,).
 
     Errors over such a scale have no unit, so that a slide's and a hinge's count alike. Among joints of one kind they
@@ -92,12 +92,12 @@ def mean_of_kind(values: np.ndarray, joints: Sequence[str], slides: Collection[s
         slides: Names of those that are slides.
     """
     means = np.empty(len(joints))
-    for _, places in kinds_of(joints, slides):
+    for _, places in group_by_kind(joints, slides):
         means[places] = values[places].mean()
     return means
 
 
-def radians_at(joints: Sequence[str], slides: Collection[str], reach: np.ndarray) -> np.ndarray:
+def compute_angle_scales(joints: Sequence[str], slides: Collection[str], reach: np.ndarray) -> np.ndarray:
     """Return what stands for a radian at each joint [rad; slides m], shape (n,): sizes of angles are times this.
 
     It is 1 at hinges. A slide's range stands for that of a usual hinge.
@@ -111,14 +111,14 @@ def radians_at(joints: Sequence[str], slides: Collection[str], reach: np.ndarray
     return np.where(is_slide, np.maximum(reach, SHORTEST) / USUAL_RANGE, 1.0)
 
 
-def table_unit(joints: Sequence[str], slides: Collection[str]) -> str:
+def format_table_unit(joints: Sequence[str], slides: Collection[str]) -> str:
     """Return what stands in the head of a table with a figure for each joint, for example `deg; gripper mm`."""
-    kinds = kinds_of(joints, slides)
+    kinds = group_by_kind(joints, slides)
     if len(kinds) == 1:
         return kinds[0][0].shown
     return f"{HINGE.shown}; {', '.join(joints[place] for place in kinds[1][1])} {SLIDE.shown}"
 
 
-def factors(joints: Sequence[str], slides: Collection[str]) -> np.ndarray:
+def list_unit_factors(joints: Sequence[str], slides: Collection[str]) -> np.ndarray:
     """Return the shown unit per unit inside of each joint, shape (n,)."""
-    return np.array([joint_unit(joint, slides).factor for joint in joints])
+    return np.array([find_joint_unit(joint, slides).factor for joint in joints])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nas_data.count_of import count_of
-from nas_data.joint_units import JointUnit, factors, kinds_of, table_unit
+from nas_data.joint_units import JointUnit, format_table_unit, group_by_kind, list_unit_factors
 
 
 @dataclass(frozen=True, repr=False)
@@ -59,7 +59,7 @@ class Errors:
     @property
     def kinds(self) -> list[tuple[JointUnit, np.ndarray]]:
         """The kinds of joints that there are, the one of the overall figures first, each with its joints' places."""
-        return kinds_of(self.joints, self.slides)
+        return group_by_kind(self.joints, self.slides)
 
     @property
     def unit(self) -> JointUnit:
@@ -113,19 +113,19 @@ class Errors:
         }
 
 
-def table(rows: Mapping[str, Errors], title: str) -> str:
+def format_error_table(rows: Mapping[str, Errors], title: str) -> str:
     """Return a table of RMSE in degrees, slides in millimetres: a row per predictor, a column per joint.
 
     Behind them stand all joints, hinges and slides apart where an arm has both, and last the mean of the episodes. A
     predictor that diverges in any episode has no mean error; its row says so.
     """
     one = next(iter(rows.values()))
-    joints, scale = one.joints, factors(one.joints, one.slides)
+    joints, scale = one.joints, list_unit_factors(one.joints, one.slides)
     widths = [max(7, len(joint)) for joint in joints]
     names = max(len(name) for name in rows)
     head = "  ".join(f"{joint:>{width}}" for joint, width in zip(joints, widths, strict=True))
     pooled = "".join(f"{unit.kind if len(one.kinds) > 1 else 'all':>9}" for unit, _ in one.kinds)
-    lines = [f"{title} [{table_unit(joints, one.slides)}]", f"  {'':<{names}}  {head}{pooled}  mean of episodes"]
+    lines = [f"{title} [{format_table_unit(joints, one.slides)}]", f"  {'':<{names}}  {head}{pooled}  mean of episodes"]
     for name, errors in rows.items():
         if not np.isfinite(errors.overall):
             lines.append(f"  {name:<{names}}  {'diverged':>{len(lines[1]) - names - 4}}")

@@ -6,27 +6,27 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import VELOCITY
-from nas_data.pairing import check_fits, initial_states
+from nas_data.pairing import check_fits, read_initial_states
 from nas_data.simulators.base import Simulator
 
 ROLLOUT_BATCH = 64
 SHORTEST = 0.8  # of the longest rollout in a batch of the source: what is padded is simulated, too, and thrown away
 
 
-def open_loop_source(dataset: Dataset, simulator: Simulator) -> list[np.ndarray]:
+def roll_out_source(dataset: Dataset, simulator: Simulator) -> list[np.ndarray]:
     """Roll the source out over every episode, started at its first measured state; a list of (T, 2n)."""
-    return [states[:, : dataset.states.shape[1]] for states in open_loop_scene(dataset, simulator)]
+    return [states[:, : dataset.states.shape[1]] for states in roll_out_scene(dataset, simulator)]
 
 
-def open_loop_scene(dataset: Dataset, simulator: Simulator) -> list[np.ndarray]:
-    """Do as `open_loop_source`, with the objects that the dataset has: a list of (T, 2n or 2n + m)."""
+def roll_out_scene(dataset: Dataset, simulator: Simulator) -> list[np.ndarray]:
+    """Do as `roll_out_source`, with the objects that the dataset has: a list of (T, 2n or 2n + m)."""
     check_fits(dataset, simulator)
-    initial = initial_states(dataset, simulator)
+    initial = read_initial_states(dataset, simulator)
     settled = roll_out_episodes(dataset, initial, simulator.rollout_settled)
     if not has_setpoints(simulator):
         return settled
     fresh = roll_out_episodes(dataset, initial, simulator.rollout)
-    return min(settled, fresh, key=lambda states: position_misfit(dataset, states))
+    return min(settled, fresh, key=lambda states: compute_position_misfit(dataset, states))
 
 
 def roll_out_episodes(
@@ -34,8 +34,8 @@ def roll_out_episodes(
 ) -> list[np.ndarray]:
     """Roll out every episode from its initial state (E, 2n or 2n + m); a list of (T, 2n or 2n + m)."""
     result: list[np.ndarray] = [np.empty(0)] * dataset.n_episodes
-    for batch in like_lengths(dataset.lengths):
-        states = rollout(initial[batch], padded_commands(dataset, batch))
+    for batch in group_by_length(dataset.lengths):
+        states = rollout(initial[batch], pad_commands(dataset, batch))
         for row, episode in enumerate(batch):
             result[episode] = states[row, : dataset.lengths[episode]]
     return result
@@ -49,7 +49,7 @@ def has_setpoints(simulator: Simulator) -> bool:
     return simulator.remembers and VELOCITY in simulator.kinds
 
 
-def position_misfit(dataset: Dataset, states: Sequence[np.ndarray]) -> float:
+def compute_position_misfit(dataset: Dataset, states: Sequence[np.ndarray]) -> float:
     """Return the sum over joints of the logarithms of their mean squared position errors."""
     n = len(dataset.joints)
     errors = (
@@ -59,13 +59,13 @@ def position_misfit(dataset: Dataset, states: Sequence[np.ndarray]) -> float:
     return float(np.log(np.square(errors).mean(0) + np.finfo(float).tiny).sum())
 
 
-def batches(lengths: np.ndarray, ordered: bool = True) -> list[list[int]]:
+def make_batches(lengths: np.ndarray, ordered: bool = True) -> list[list[int]]:
     """Group episodes for batched rollouts, those of like length together where `ordered`."""
     order = np.argsort(-lengths, kind="stable") if ordered else np.arange(len(lengths))
     return [order[start : start + ROLLOUT_BATCH].tolist() for start in range(0, len(order), ROLLOUT_BATCH)]
 
 
-def like_lengths(lengths: np.ndarray) -> list[list[int]]:
+def group_by_length(lengths: np.ndarray) -> list[list[int]]:
     """Group episodes for rollouts of the source, longest first, so that little is padded.
 
     A model's rollouts are not grouped so: a step of them costs nearly the same for any number of episodes.
@@ -80,7 +80,7 @@ def like_lengths(lengths: np.ndarray) -> list[list[int]]:
     return groups
 
 
-def padded_commands(dataset: Dataset, episodes: Sequence[int]) -> np.ndarray:
+def pad_commands(dataset: Dataset, episodes: Sequence[int]) -> np.ndarray:
     """Return the commands of episodes, shorter ones padded by their last, shape (B, T, n), float64."""
     longest = int(dataset.lengths[list(episodes)].max())
     rows = [dataset.commands[dataset.episode(episode)] for episode in episodes]

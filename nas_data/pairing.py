@@ -17,12 +17,12 @@ from nas_data.dataset.features import (
     SIM_STATE,
     STATE,
     VELOCITY,
-    action_feature,
-    state_feature,
+    make_action_feature,
+    make_state_feature,
 )
 from nas_data.dataset.start_velocities import find_start_velocities
 from nas_data.errors import JointMismatch
-from nas_data.joint_units import joint_unit, radians_at
+from nas_data.joint_units import compute_angle_scales, find_joint_unit
 from nas_data.robots.base import URDF, Robot
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.lock_joints import refuse_ground_contact
@@ -33,7 +33,7 @@ ACTUATORS = {POSITION: "a <position>", VELOCITY: "a <velocity>", EFFORT: "a <mot
 POSTURES = 100  # in which is looked whether a robot whose base is held stands on something
 PROBES = 500  # transitions that tell one source from another
 SAME_SOURCE = 1e-5  # [rad] engines of other versions and machines differ by less
-# At a slide these two are times what stands for a radian there, see `joint_units.radians_at`.
+# At a slide these two are times what stands for a radian there, see `joint_units.compute_angle_scales`.
 SAME_PLACE = 0.01  # [rad] two readings of one place differ by less
 MARGIN = 0.05  # [rad] by which calibrations of real arms and their models differ
 
@@ -57,10 +57,10 @@ def pair(dataset: Dataset, simulator: Simulator) -> Dataset:
     """
     check_fits(dataset, simulator)
     dataset = with_model_units(dataset, simulator)
-    states, continues = scene_states(dataset, simulator), continuing(dataset)
+    states, continues = read_scene_states(dataset, simulator), find_continuing_frames(dataset)
     predicted = simulator.predict(states, dataset.commands, continues).astype(np.float32)
     width = dataset.states.shape[1]
-    paired = dataset.with_column(SIM_STATE, state_feature(dataset.joints, simulator.slides), predicted[:, :width])
+    paired = dataset.with_column(SIM_STATE, make_state_feature(dataset.joints, simulator.slides), predicted[:, :width])
     if predicted.shape[1] == width:
         return paired
     return paired.with_column(SIM_ENVIRONMENT, simulator.object_feature, predicted[:, width:])
@@ -90,8 +90,8 @@ def with_model_units(dataset: Dataset, simulator: Simulator) -> Dataset:
         return dataset
     if any(dataset.features[STATE].units):
         say_once(f"the dataset calls {', '.join(wrong)} an angle, the model a slide: taken as metres and newtons")
-    state = state_feature(dataset.joints, simulator.slides)
-    command = action_feature(dataset.joints, simulator.kinds, simulator.slides)
+    state = make_state_feature(dataset.joints, simulator.slides)
+    command = make_action_feature(dataset.joints, simulator.kinds, simulator.slides)
     known = {STATE: state, ACTION: command, NEXT_STATE: state, SIM_STATE: state}
     features = {
         key: replace(feature, dtype=dataset.features[key].dtype)
@@ -101,18 +101,18 @@ def with_model_units(dataset: Dataset, simulator: Simulator) -> Dataset:
     return replace(dataset, features={**dataset.features, **features})
 
 
-def continuing(dataset: Dataset) -> np.ndarray:
+def find_continuing_frames(dataset: Dataset) -> np.ndarray:
     """Return which frames begin where the one before ended, shape (N,): it is the same motion."""
     n, result = len(dataset.joints), np.zeros(dataset.n_frames, bool)
     ends, begins = dataset.next_states[:-1, :n], dataset.states[1:, :n]
     travel = np.ptp(dataset.states[:, :n], axis=0) if dataset.n_frames else np.zeros(n)
-    near = SAME_PLACE * radians_at(dataset.joints, dataset.slides, travel)
+    near = SAME_PLACE * compute_angle_scales(dataset.joints, dataset.slides, travel)
     result[1:] = (np.abs(begins - ends) <= near).all(axis=1)
     result[dataset.starts[dataset.lengths > 0]] = False
     return result
 
 
-def scene_states(dataset: Dataset, simulator: Simulator, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
+def read_scene_states(dataset: Dataset, simulator: Simulator, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
     """Return measured states as a simulator takes them: joints, then its objects where the dataset has them all.
 
     Args:
@@ -123,11 +123,11 @@ def scene_states(dataset: Dataset, simulator: Simulator, rows: slice | np.ndarra
     Returns:
         Shape (rows, 2n), or (rows, 2n + m) with the objects.
     """
-    states, objects = dataset.states[rows], object_states(dataset, simulator)
+    states, objects = dataset.states[rows], read_object_states(dataset, simulator)
     return np.concatenate([states, objects[rows]], axis=1) if objects.shape[1] else states
 
 
-def initial_states(dataset: Dataset, simulator: Simulator | None) -> np.ndarray:
+def read_initial_states(dataset: Dataset, simulator: Simulator | None) -> np.ndarray:
     """Return the states in which open-loop rollouts of the episodes start: measured positions, velocities as told.
 
     Args:
@@ -138,13 +138,13 @@ def initial_states(dataset: Dataset, simulator: Simulator | None) -> np.ndarray:
         Shape (E, 2n), or (E, 2n + m) with the simulator's objects, float64.
     """
     n = len(dataset.joints)
-    states = dataset.states if simulator is None else scene_states(dataset, simulator)
+    states = dataset.states if simulator is None else read_scene_states(dataset, simulator)
     first = states[dataset.starts].astype(float)
     first[:, n : 2 * n] = find_start_velocities(dataset).values
     return first
 
 
-def object_states(dataset: Dataset, simulator: Simulator) -> np.ndarray:
+def read_object_states(dataset: Dataset, simulator: Simulator) -> np.ndarray:
     """Return the measured states of a simulator's objects, shape (N, m); (N, 0) where the dataset lacks one."""
     wanted = simulator.object_feature.names
     held = dataset.features[ENVIRONMENT].names if ENVIRONMENT in dataset.features else ()
@@ -154,7 +154,7 @@ def object_states(dataset: Dataset, simulator: Simulator) -> np.ndarray:
     return column if wanted == held else column[:, [held.index(name) for name in wanted]]
 
 
-def object_warnings(dataset: Dataset, simulator: Simulator) -> list[str]:
+def describe_missing_objects(dataset: Dataset, simulator: Simulator) -> list[str]:
     """Say that the source's objects stay in their reference posture because the dataset does not have them."""
     held = dataset.features[ENVIRONMENT].names if ENVIRONMENT in dataset.features else ()
     missing = [name for name in simulator.object_feature.names if name not in held]
@@ -171,14 +171,14 @@ def check_source(dataset: Dataset, simulator: Simulator) -> None:
     """
     check_fits(dataset, simulator)
     n, rows = len(dataset.joints), slice(0, PROBES)
-    states = scene_states(dataset, simulator, rows)
-    predicted = simulator.predict(states, dataset.commands[rows], continuing(dataset)[rows])
+    states = read_scene_states(dataset, simulator, rows)
+    predicted = simulator.predict(states, dataset.commands[rows], find_continuing_frames(dataset)[rows])
     each = np.abs(predicted[:, :n] - dataset.sim_states[rows, :n]).mean(axis=0)
     joint = dataset.joints[int(each.argmax())]
     if not each.mean() < SAME_SOURCE:
         raise JointMismatch(
             f"The source predicts other states than those in the dataset, those of {joint} by "
-            f"{each.max():.2g} {joint_unit(joint, dataset.slides).si} in one step: "
+            f"{each.max():.2g} {find_joint_unit(joint, dataset.slides).si} in one step: "
             "the dataset was paired with another one; pair it again with 'nas pair --model'."
         )
 
@@ -199,7 +199,7 @@ def warn_of_ranges(dataset: Dataset, model: mujoco.MjModel) -> list[str]:
         low, high = model.joint(joint).range
         if not len(dataset.states) or not model.jnt_limited[model.joint(joint).id]:
             continue
-        margin = MARGIN * float(radians_at([joint], () if hinge else [joint], np.array([high - low]))[0])
+        margin = MARGIN * float(compute_angle_scales([joint], () if hinge else [joint], np.array([high - low]))[0])
         positions = dataset.states[:, place]
         furthest = float(positions[np.argmax(np.maximum(positions - high, low - positions))])
         if not low - margin <= furthest <= high + margin:
@@ -235,11 +235,11 @@ def check_fits(dataset: Dataset, simulator: Simulator) -> None:
         if given != taken:
             raise JointMismatch(
                 f"The dataset commands {names[given]} of {joint}, the model's actuator takes {names[taken]}; "
-                f"{_other_actuator(simulator, given)}."
+                f"{_suggest_actuator(simulator, given)}."
             )
 
 
-def _other_actuator(simulator: Simulator, kind: str) -> str:
+def _suggest_actuator(simulator: Simulator, kind: str) -> str:
     """Say how a model is given actuators that take commands of another kind."""
     robot = getattr(simulator, "robot", None)
     if isinstance(robot, Robot) and robot.mjcf.suffix == URDF and kind != VELOCITY:

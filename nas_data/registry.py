@@ -9,19 +9,19 @@ from types import ModuleType
 from typing import TypeVar
 
 from nas_data.errors import UnknownName
-from nas_data.visible_files import visible
+from nas_data.visible_files import list_visible_files
 
 ROOT = Path(__file__).parent
 T = TypeVar("T")
 
 
-def names(folder: str) -> tuple[str, ...]:
+def list_names(folder: str) -> tuple[str, ...]:
     """Return the names that a plug-in folder holds, for example every effect of `effects/`."""
-    files = visible(ROOT.joinpath(*folder.split(".")), "*.py")
+    files = list_visible_files(ROOT.joinpath(*folder.split(".")), "*.py")
     return tuple(path.stem for path in files if path.stem not in {"__init__", "base"})
 
 
-def module(folder: str, name: str, kind: str) -> ModuleType:
+def import_plugin(folder: str, name: str, kind: str) -> ModuleType:
     """Import a plug-in by its name.
 
     Args:
@@ -32,12 +32,12 @@ def module(folder: str, name: str, kind: str) -> ModuleType:
     Raises:
         UnknownName: the folder has no such file; lists those it has.
     """
-    if name not in names(folder):
-        raise UnknownName(kind, name, names(folder))
+    if name not in list_names(folder):
+        raise UnknownName(kind, name, list_names(folder))
     return importlib.import_module(f"nas_data.{folder}.{name}")
 
 
-def plugin(folder: str, name: str, kind: str, base: type[T]) -> type[T]:
+def find_plugin(folder: str, name: str, kind: str, base: type[T]) -> type[T]:
     """Return the class of a plug-in: what its file defines, or a class of the user's own that is loaded.
 
     Args:
@@ -49,9 +49,11 @@ def plugin(folder: str, name: str, kind: str, base: type[T]) -> type[T]:
     Raises:
         UnknownName: there is neither; lists the names of the folder.
     """
-    if name not in names(folder) and (own := [sub for sub in subclasses(base) if snake_case(sub.__name__) == name]):
+    if name not in list_names(folder) and (
+        own := [sub for sub in iterate_subclasses(base) if to_snake_case(sub.__name__) == name]
+    ):
         return own[-1]
-    found = module(folder, name, kind)
+    found = import_plugin(folder, name, kind)
     return next(
         value
         for value in vars(found).values()
@@ -59,23 +61,23 @@ def plugin(folder: str, name: str, kind: str, base: type[T]) -> type[T]:
     )
 
 
-def subclasses(base: type[T]) -> Iterator[type[T]]:
+def iterate_subclasses(base: type[T]) -> Iterator[type[T]]:
     """Yield the loaded classes that derive from one, in the order of their definition."""
     for kind in base.__subclasses__():
         yield kind
-        yield from subclasses(kind)
+        yield from iterate_subclasses(kind)
 
 
 @cache
-def snake_case(name: str) -> str:
+def to_snake_case(name: str) -> str:
     """Return a class's name as its file is called: `CommandDelay` → `command_delay`."""
     return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
 
 
-def value(folder: str, name: str, kind: str, wanted: type[T]) -> T:
-    """Return the value of a type that a plug-in's file defines, as `plugin` returns its class.
+def find_value(folder: str, name: str, kind: str, wanted: type[T]) -> T:
+    """Return the value of a type that a plug-in's file defines, as `find_plugin` returns its class.
 
     Raises:
         UnknownName: the folder has no such file; lists those it has.
     """
-    return next(value for value in vars(module(folder, name, kind)).values() if isinstance(value, wanted))
+    return next(value for value in vars(import_plugin(folder, name, kind)).values() if isinstance(value, wanted))

@@ -10,41 +10,41 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.layout import PROVENANCE, SOURCE, SOURCE_EFFECTS, read_json
 from nas_data.effects.base import Effect, read_effects
 from nas_data.errors import ModelFileError
-from nas_data.mjcf.strip_meshes import colliding_shapes, exact_xml, needs_files, strip_meshes
+from nas_data.mjcf.strip_meshes import count_colliding_geoms, format_exact_xml, needs_files, strip_meshes
 from nas_data.pairing import check_source
-from nas_data.robots.base import Robot, slide_joints
+from nas_data.robots.base import Robot, list_slide_joints
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.engines import ENGINES, load_simulator
 
 MODEL, EFFECTS = Path(SOURCE).name, Path(SOURCE_EFFECTS).name
 
 
-def source_files(robot: Robot, effects: Sequence[Effect] = ()) -> dict[str, bytes]:
+def collect_source_files(robot: Robot, effects: Sequence[Effect] = ()) -> dict[str, bytes]:
     """Return the files that make a paired dataset or a checkpoint self-contained: the source's MJCF and its effects.
 
     Where the model needs other files (meshes, textures), a copy without them is kept: see `strip_meshes`.
     """
-    files = {MODEL: _alone(robot)}
+    files = {MODEL: _serialise_model(robot)}
     if effects:
-        slides = slide_joints(robot.spec())
+        slides = list_slide_joints(robot.spec())
         files[EFFECTS] = json.dumps([effect.to_json(slides) for effect in effects], indent=1).encode()
     return files
 
 
-def _alone(robot: Robot) -> bytes:
+def _serialise_model(robot: Robot) -> bytes:
     """Return a robot's model as one file."""
     spec = robot.spec()
     if needs_files(spec):
-        return exact_xml(strip_meshes(spec))
+        return format_exact_xml(strip_meshes(spec))
     if robot.edit is None and b"<include" not in robot.mjcf.read_bytes():
         return robot.mjcf.read_bytes()
-    return exact_xml(spec)
+    return format_exact_xml(spec)
 
 
 def describe_left_out(robot: Robot) -> str | None:
     """Say what of a robot the kept source lacks and pairing may have felt; None where nothing."""
     spec = robot.spec()
-    shapes = colliding_shapes(spec) if needs_files(spec) else 0
+    shapes = count_colliding_geoms(spec) if needs_files(spec) else 0
     if not shapes:
         return None
     meshes = "mesh" if shapes == 1 else "meshes"
@@ -66,7 +66,7 @@ def check_kept(files: Mapping[str, bytes], paired: Dataset, engine: str) -> None
         check_source(paired, find_source(None, (), paired, [Path(folder)], engine))
 
 
-def kept_files(root: Path) -> dict[str, bytes]:
+def read_kept_files(root: Path) -> dict[str, bytes]:
     """Return the source's files kept in a dataset (under `meta/`) or a checkpoint, empty where there are none."""
     for folder in (root / "meta", root):
         if (folder / MODEL).is_file():
@@ -74,7 +74,7 @@ def kept_files(root: Path) -> dict[str, bytes]:
     return {}
 
 
-def kept_engine(root: Path) -> str:
+def read_kept_engine(root: Path) -> str:
     """Return the engine in which a dataset was paired or a checkpoint trained, as their provenance says."""
     dataset, checkpoint = root / PROVENANCE, root / "config.json"
     if not (path := dataset if dataset.is_file() else checkpoint).is_file():
@@ -139,5 +139,5 @@ def locate_source(
         for folder in (root / "meta", root):
             if (folder / MODEL).is_file():
                 kept = read_effects(folder / EFFECTS) if (folder / EFFECTS).is_file() else ()
-                return SourceModel(folder / MODEL, tuple(kept), engine or kept_engine(root))
+                return SourceModel(folder / MODEL, tuple(kept), engine or read_kept_engine(root))
     raise ModelFileError(f"No source model is kept in {kept_in[0]}; give one with --model MODEL.xml.")

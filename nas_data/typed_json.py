@@ -38,7 +38,7 @@ class LacksKeys(FormError):
 
 def as_object(record: "DataclassInstance") -> dict[str, object]:
     """Return a record as `json.dumps` takes it."""
-    pairs = ((key, item, getattr(record, item.name)) for item in fields(record) if (key := key_of(item)))
+    pairs = ((key, item, getattr(record, item.name)) for item in fields(record) if (key := find_key(item)))
     return {key: to_json(held) for key, item, held in pairs if not (held is None and is_optional(item))}
 
 
@@ -66,8 +66,8 @@ def from_json(kind: type[Record], value: object, where: str = "") -> Record:
         LacksKeys: it lacks keys.
     """
     if not isinstance(value, Mapping):
-        raise wrong(value, "an object", where)
-    known = {item.name: (key, item) for item in fields(kind) if (key := key_of(item))}  # type: ignore[arg-type]
+        raise make_form_error(value, "an object", where)
+    known = {item.name: (key, item) for item in fields(kind) if (key := find_key(item))}  # type: ignore[arg-type]
     lacking = sorted(key for key, item in known.values() if key not in value and is_needed(item))
     if lacking:
         raise LacksKeys(where, lacking)
@@ -92,29 +92,29 @@ def convert(kind: Any, value: object, where: str) -> object:
         return convert(kind, value, where)
     if origin is tuple:
         if not isinstance(value, list | tuple) or (inner[-1] is not Ellipsis and len(value) != len(inner)):
-            raise wrong(value, "a list" if inner[-1] is Ellipsis else f"a list of {len(inner)}", where)
+            raise make_form_error(value, "a list" if inner[-1] is Ellipsis else f"a list of {len(inner)}", where)
         kinds = [inner[0]] * len(value) if inner[-1] is Ellipsis else inner
         return tuple(
             convert(one, held, f"{where}[{i}]") for i, (one, held) in enumerate(zip(kinds, value, strict=True))
         )
     if origin is not None:  # a mapping from texts
         if not isinstance(value, Mapping):
-            raise wrong(value, "an object", where)
+            raise make_form_error(value, "an object", where)
         return {str(key): convert(inner[1], held, f"{where}.{key}") for key, held in value.items()}
     if is_dataclass(kind):
         return from_json(kind, value, where)  # type: ignore[arg-type]  # a class, never one of its instances
     wanted = (int, float) if kind is float else kind
     if not isinstance(value, wanted) or isinstance(value, bool) != (kind is bool):
-        raise wrong(value, WORDS[kind], where)
+        raise make_form_error(value, WORDS[kind], where)
     return float(value) if kind is float else value
 
 
-def wrong(value: object, wanted: str, where: str) -> FormError:
+def make_form_error(value: object, wanted: str, where: str) -> FormError:
     """Return the error of a value that is not what is wanted."""
     return FormError(f"{where or 'it'} is {str(value)[:SHOWN]!r}, not {wanted}")
 
 
-def key_of(item: "Field[Any]") -> str | None:
+def find_key(item: "Field[Any]") -> str | None:
     """Return the key of a field in JSON; None where it is kept elsewhere."""
     key = item.metadata.get("key", item.name)
     return None if key is None else str(key)
@@ -130,16 +130,16 @@ def is_needed(item: "Field[Any]") -> bool:
     return item.default is MISSING and item.default_factory is MISSING
 
 
-def finite(value: object) -> object:
+def make_finite(value: object) -> object:
     """Replace what JSON cannot say (NaN, infinity, arrays, paths) by what it can."""
     if isinstance(value, Mapping):
-        return {str(key): finite(item) for key, item in value.items()}
+        return {str(key): make_finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
+        return [make_finite(item) for item in value]
     if isinstance(value, Path):
         return str(value)
     if hasattr(value, "tolist"):
-        return finite(value.tolist())
+        return make_finite(value.tolist())
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

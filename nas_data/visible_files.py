@@ -7,7 +7,7 @@ from pathlib import Path
 HIDDEN = (".", "~$")
 
 
-def visible(folder: Path, pattern: str = "*") -> list[Path]:
+def list_visible_files(folder: Path, pattern: str = "*") -> list[Path]:
     """Return what a pattern finds below a folder, sorted, without hidden files and what lies in hidden folders."""
     found = folder.glob(pattern)
     return sorted(path for path in found if not any(map(is_hidden, path.relative_to(folder).parts)))

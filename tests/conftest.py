@@ -83,12 +83,12 @@ def swings() -> Dataset:
 @pytest.fixture
 def edited(monkeypatch: pytest.MonkeyPatch) -> Callable[[str, str, str], None]:
     """Return what lets a module read as if its text were another, the last one that was named."""
-    analyse, source = code_hash.analyse_module, code_hash.source_of
+    analyse, source = code_hash.analyse_module, code_hash.read_source
 
     def edit(module: str, old: str, new: str) -> None:
         text = source(module).replace(old, new)
         assert text != source(module)
-        monkeypatch.setattr(code_hash, "source_of", lambda name: text if name == module else source(name))
+        monkeypatch.setattr(code_hash, "read_source", lambda name: text if name == module else source(name))
         edited = analyse.__wrapped__(module)
         monkeypatch.setattr(code_hash, "analyse_module", lambda name: edited if name == module else analyse(name))
 

@@ -12,19 +12,19 @@ from support.recording_samples import GAP, paired_pendulum, pendulum, positions_
 from support.simulator_samples import CONTACTS, SO101, hinge, motors, needs_so101, predict_loop
 
 from nas_data.cli import main
-from nas_data.dataset.content import content_hash
-from nas_data.dataset.features import ACTION, NEXT_STATE, SIM_STATE, STATE, state_feature
+from nas_data.dataset.content import hash_content
+from nas_data.dataset.features import ACTION, NEXT_STATE, SIM_STATE, STATE, make_state_feature
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.transitions import as_transitions
-from nas_data.dataset.versions import new_version
+from nas_data.dataset.versions import write_version
 from nas_data.dataset.write import write
 from nas_data.errors import JointMismatch, ModelFileError
 from nas_data.gap.write_model import write_effects
 from nas_data.pairing import check_fits, check_source, pair
 from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
-from nas_data.sources import describe_left_out, find_source, kept_files, source_files
+from nas_data.sources import collect_source_files, describe_left_out, find_source, read_kept_files
 
 SIMULATED = Provenance(how="simulated", robot="pendulum")
 
@@ -71,7 +71,7 @@ def test_predictions_are_the_plain_loops_rounded_to_float32(seed, rate):
 def test_pairing_adds_one_column_and_touches_nothing_else(recording):
     paired = pair(recording, pendulum())
     assert set(paired.features) == {*recording.features, SIM_STATE}
-    assert paired.features[SIM_STATE] == state_feature(("pendulum",)) == recording.features[NEXT_STATE]
+    assert paired.features[SIM_STATE] == make_state_feature(("pendulum",)) == recording.features[NEXT_STATE]
     assert all(paired.columns[key] is recording.columns[key] for key in recording.features)
 
 
@@ -126,7 +126,7 @@ def test_another_rate_or_another_order_of_joints_is_refused(tmp_path, recording)
 
 
 def test_the_command_writes_a_new_version_that_names_its_parent(here, capsys, recording):
-    parent = new_version(recording, "swing", SIMULATED)
+    parent = write_version(recording, "swing", SIMULATED)
     before = files(parent)
     told = nas(capsys, "pair", "datasets/swing", "--model", "pendulum")
     folder = Path(told["dataset"])
@@ -139,7 +139,7 @@ def test_the_command_writes_a_new_version_that_names_its_parent(here, capsys, re
     assert [(p.name, p.content_hash) for p in provenance.parents] == [
         (f"swing/{parent.name}", read_provenance(parent).content_hash)
     ]
-    assert provenance.content_hash == content_hash(read(folder)) == told["content_hash"]
+    assert provenance.content_hash == hash_content(read(folder)) == told["content_hash"]
     assert provenance.source["name"] == "pendulum"
     assert provenance.source["sha256"] == find_robot("pendulum").sha256
     assert provenance.source["engine"] == "mujoco"
@@ -150,8 +150,8 @@ def test_the_command_writes_a_new_version_that_names_its_parent(here, capsys, re
 
 def test_the_newest_version_is_paired_and_provenance_is_inherited(here, capsys, recording):
     signal = {"excitation": "wander"}
-    new_version(recording, "swing", Provenance(how="simulated", robot="pendulum", signal=signal, seeds=(7,)))
-    newest = new_version(
+    write_version(recording, "swing", Provenance(how="simulated", robot="pendulum", signal=signal, seeds=(7,)))
+    newest = write_version(
         recorded_on(pendulum(*GAP), wander((9,))),
         "swing",
         Provenance(how="simulated", robot="pendulum", signal=signal, seeds=(8,), target={"name": "secret"}),
@@ -164,7 +164,7 @@ def test_the_newest_version_is_paired_and_provenance_is_inherited(here, capsys, 
 
 
 def test_pairing_twice_gives_one_version(here, capsys, recording):
-    root = new_version(recording, "swing", SIMULATED)
+    root = write_version(recording, "swing", SIMULATED)
     first = nas(capsys, "pair", root, "--model", "pendulum")["dataset"]
     again = nas(capsys, "pair", root, "--model", "pendulum")["dataset"]
     assert first == again
@@ -187,12 +187,12 @@ def test_positions_and_commands_alone_are_completed_and_that_is_recorded(here, c
     assert {STATE, NEXT_STATE} <= set(derived) <= {STATE, NEXT_STATE, ACTION}
     assert "velocit" in derived[STATE]
     assert told["derived"] == derived
-    assert read_provenance(Path("done")).parents[0].content_hash == content_hash(bare)
+    assert read_provenance(Path("done")).parents[0].content_hash == hash_content(bare)
     assert not (root / "meta/nas.json").exists(), "the parent is untouched"
 
 
 def test_effects_on_the_command_line_belong_to_the_source(here, capsys, recording):
-    root = new_version(recording, "swing", SIMULATED)
+    root = write_version(recording, "swing", SIMULATED)
     options = [f"{e.name()}:joint=pendulum,{p.name}={getattr(e, p.name)}" for e in GAP for p in e.parameters]
     told = nas(capsys, "pair", root, "--model", "pendulum", *(word for text in options for word in ("--effect", text)))
     folder = Path(told["dataset"])
@@ -205,7 +205,7 @@ def test_effects_on_the_command_line_belong_to_the_source(here, capsys, recordin
 
 
 def test_a_gap_report_brings_its_retuned_base_to_the_source_and_to_what_is_kept_of_it(here, capsys, recording):
-    root = new_version(recording, "swing", SIMULATED)
+    root = write_version(recording, "swing", SIMULATED)
     Path("gap").mkdir()
     write_effects(Path("gap"), GAP, {"pendulum.mass": 1.2})
     told = nas(capsys, "pair", root, "--model", "pendulum", "--effects", "gap", "--out", "paired")
@@ -237,13 +237,13 @@ def test_the_source_kept_with_a_dataset_predicts_the_same(here, capsys, robot, w
 
 def test_a_kept_file_is_the_file_itself_so_that_its_hash_is_the_sources():
     robot = find_robot("pendulum")
-    assert source_files(robot)["source.xml"] == robot.mjcf.read_bytes()
+    assert collect_source_files(robot)["source.xml"] == robot.mjcf.read_bytes()
 
 
 def test_a_source_of_several_files_is_kept_as_one(tmp_path):
     (tmp_path / "part.xml").write_text('<mujoco><option timestep="0.003"/></mujoco>')
     (tmp_path / "arm.xml").write_text(CONTACTS.replace("<worldbody>", '<include file="part.xml"/><worldbody>'))
-    kept = source_files(find_robot(tmp_path / "arm.xml"))
+    kept = collect_source_files(find_robot(tmp_path / "arm.xml"))
     alone = tmp_path / "elsewhere/source.xml"
     alone.parent.mkdir()
     alone.write_bytes(kept["source.xml"])
@@ -275,7 +275,7 @@ def meshed(folder: Path, options: str, size: float = 0.01) -> Path:
 def kept_alone(folder: Path, model: Path) -> Path:
     """Write the kept source into a folder that holds nothing else."""
     folder.mkdir()
-    (folder / "source.xml").write_bytes(source_files(find_robot(model))["source.xml"])
+    (folder / "source.xml").write_bytes(collect_source_files(find_robot(model))["source.xml"])
     return folder / "source.xml"
 
 
@@ -325,7 +325,7 @@ def test_a_source_whose_meshes_matter_is_not_kept_and_that_is_said(here, capsys)
 
 
 def test_another_source_that_predicts_the_same_is_another_version(here, capsys, recording):
-    root = new_version(recording, "swing", SIMULATED)
+    root = write_version(recording, "swing", SIMULATED)
     text = find_robot("pendulum").mjcf.read_text()
     Path("one.xml").write_text(text)
     Path("other.xml").write_text(f"<!-- another -->\n{text}")
@@ -367,7 +367,7 @@ def test_a_model_in_the_wrong_unit_is_warned_of(here, capsys, compiler, limits, 
 def test_without_a_source_the_remedy_is_named(tmp_path):
     dataset = paired_pendulum((5, 5))
     root = write(dataset, tmp_path / "bare", SIMULATED)
-    assert kept_files(root) == {}
+    assert read_kept_files(root) == {}
     with pytest.raises(ModelFileError, match=r"bare.*--model"):
         find_source(None, (), dataset, [root])
 

@@ -26,13 +26,13 @@ from nas_data.dataset.features import ENVIRONMENT, NEXT_ENVIRONMENT
 from nas_data.envs import pusher
 from nas_data.envs.base import InTurn, Task, find_task
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
-from nas_data.envs.pusher import GRIPPER, Pusher, pucks
+from nas_data.envs.pusher import GRIPPER, Pusher, compute_puck_positions
 from nas_data.policies.evaluate import score_policy, summarise_spread
 from nas_data.policies.learner import PolicyTraining
 from nas_data.policies.policy import load_policy
 from nas_data.policies.ppo import train
 from nas_data.recorders.recipe import Recipe
-from nas_data.runs.environment_info import commit, versions
+from nas_data.runs.environment_info import find_commit, read_versions
 from nas_data.simulators.base import Stepper
 
 SEEN = 10  # three angles [rad], three speeds [rad/s], x and y [m] of gripper and puck
@@ -165,7 +165,11 @@ class AuthorsForward:
         chosen = slice(None) if rows is None else rows
         for part in self._memory:
             part[:, chosen] = 0.0
-        whole = [self.source.states, self.source.site_positions(GRIPPER)[:, :2], pucks(self.source)[:, :2]]
+        whole = [
+            self.source.states,
+            self.source.site_positions(GRIPPER)[:, :2],
+            compute_puck_positions(self.source)[:, :2],
+        ]
         self.seen[chosen] = np.concatenate(whole, axis=1)[chosen]
 
     def step(self, commands: np.ndarray) -> np.ndarray:
@@ -260,7 +264,7 @@ def main(
         "policies": policies,
         "return": summarise_spread(np.array([each["target"]["return"] for each in policies])),
     }
-    found |= {"trajectories": RECORDED, "updates": UPDATES, "commit": commit(), "versions": versions()}
+    found |= {"trajectories": RECORDED, "updates": UPDATES, "commit": find_commit(), "versions": read_versions()}
     (out / "result.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     print(json.dumps({"psi": found["psi"], "return": found["return"]}, indent=1))
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from pages import HERE, markdown_table, number, numbers, read_table, render, write_page
 
-from nas_data.policies.share import share
+from nas_data.policies.share import compute_share
 
 GIVEN = {"0.12", "0.01", "0.2", "0.05"}  # of the target and of the recording
 METHODS = {
@@ -45,7 +45,7 @@ class ErgoReacher:
 
     def closed(self, method: str) -> str:
         """Return the share of the distance from source to expert that a method closes, with its interval."""
-        found = share(*map(self._values, (method, "source", "expert")))
+        found = compute_share(*map(self._values, (method, "source", "expert")))
         return f"{100 * found.value:.0f} % [{100 * found.low:.0f}, {100 * found.high:.0f}]"
 
     def returns(self, method: str) -> str:

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from pages import HERE, Row, markdown_table, number, numbers, read_table, render, write_page
 
-from nas_data.policies.intervals import ENDS, median_interval, resample_medians
-from nas_data.policies.share import share
-from nas_data.reports.experiment_figures import Panel, return_over_count, returns_by_method
-from nas_data.reports.prediction_figures import trajectory
+from nas_data.policies.intervals import ENDS, compute_median_interval, resample_medians
+from nas_data.policies.share import compute_share
+from nas_data.reports.experiment_figures import Panel, draw_return_over_count, draw_returns_by_method
+from nas_data.reports.prediction_figures import draw_trajectory
 from nas_data.reports.style import to_png
 from nas_data.studies.experiments.pipeline.authors import DIFFERENCES, RETURN_BY_COUNT, RETURNS
 
@@ -97,7 +97,9 @@ class Experiments:
 
     def closed(self, environment: str, method: str, dynamics: str = "backlash") -> str:
         """Return the share of the distance from source to expert that a method closes, with its interval."""
-        found = share(*(self.values(environment, name, dynamics=dynamics) for name in (method, "source", "expert")))
+        found = compute_share(
+            *(self.values(environment, name, dynamics=dynamics) for name in (method, "source", "expert"))
+        )
         low, high = number(100 * found.low, 0), number(100 * found.high, 0)
         return f"{number(100 * found.value, 0)} % [{low}, {high}]"
 
@@ -292,9 +294,9 @@ def draw_methods(environment: str, dynamics: str = "backlash", variant: str = ""
     values = {name: found.values(environment, name, dynamics=dynamics, variant=variant) for name in DRAWN}
     values = {name: returns for name, returns in values.items() if len(returns)}
     theirs = {name: one.values for name, one in RETURNS.get(FILES[environment], {}).items() if name in values}
-    intervals = {name: median_interval(returns) for name, returns in values.items()}
+    intervals = {name: compute_median_interval(returns) for name, returns in values.items()}
     label = "mean return of an episode" if environment == "ErgoShield" else "mean return on the target"
-    return to_png(returns_by_method([Panel(environment, values, intervals, theirs)], label, False))
+    return to_png(draw_returns_by_method([Panel(environment, values, intervals, theirs)], label, False))
 
 
 def draw_counts(methods: tuple[str, ...], counts: tuple[int, ...], dynamics: str = "backlash") -> bytes:
@@ -310,7 +312,7 @@ def draw_counts(methods: tuple[str, ...], counts: tuple[int, ...], dynamics: str
         for name in ("expert", "source")
     }
     theirs = {} if few is None else RETURN_BY_COUNT
-    return to_png(return_over_count(counts, returns, LEARNED_ON, ends, theirs, False))
+    return to_png(draw_return_over_count(counts, returns, LEARNED_ON, ends, theirs, False))
 
 
 def draw_joint(environment: str, variant: str = "") -> bytes:
@@ -323,7 +325,7 @@ def draw_joint(environment: str, variant: str = "") -> bytes:
     column = {key: np.array([float(row[key]) for row in rows]) for key in ("measured", "command", *PREDICTORS)}
     predicted = {name: column[name] for name in PREDICTORS}
     command = None if environment in TORQUES else column["command"]
-    return to_png(trajectory(column["measured"], predicted, command, PERIODS[environment], rows[0]["joint"]))
+    return to_png(draw_trajectory(column["measured"], predicted, command, PERIODS[environment], rows[0]["joint"]))
 
 
 PICTURES = {

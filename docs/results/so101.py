@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from pages import HERE, Row, markdown_table, number, read_table, render, write_page
 
-from nas_data.reports.ablation_figure import AblationCurve, error_over_amount
+from nas_data.reports.ablation_figure import AblationCurve, draw_error_over_amount
 from nas_data.reports.style import to_png
 
 GIVEN = {"40.1", "0.0349", "0.55"}  # the changes that were made, and what was to be reached
@@ -137,7 +137,7 @@ def draw_ablation() -> bytes:
     """Draw errors over minutes of data."""
     found = So101(HERE)
     curves = {loop: {name: found._curve(name, loop) for name in ("source + φ", "ψ")} for loop in LOOPS}
-    return to_png(error_over_amount(curves, {loop: found._baselines(loop) for loop in LOOPS}, "minutes"))
+    return to_png(draw_error_over_amount(curves, {loop: found._baselines(loop) for loop in LOOPS}, "minutes"))
 
 
 PICTURES = {"so101_ablation.png": draw_ablation}

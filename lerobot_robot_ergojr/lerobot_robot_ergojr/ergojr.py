@@ -9,12 +9,12 @@ from lerobot.robots import Robot
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
 from lerobot_robot_ergojr.config_ergojr import ErgoJrConfig
-from nas_data.dataset.features import position_feature, state_feature
+from nas_data.dataset.features import make_position_feature, make_state_feature
 from nas_data.hardware.virtual_bus.ports import VIRTUAL, port_of
 from nas_data.hardware.xl320.arm import Xl320, Xl320Arm
-from nas_data.hardware.xl320.calibration import offsets_at_zero, read_calibration, write_calibration
+from nas_data.hardware.xl320.calibration import compute_zero_offsets, read_calibration, write_calibration
 from nas_data.hardware.xl320.configuration import Configuration
-from nas_data.hardware.xl320.ergojr import ergojr_joints
+from nas_data.hardware.xl320.ergojr import make_ergojr_joints
 from nas_data.hardware.xl320.joints import Joints
 from nas_data.recorders.arm_motion import ArmMotion
 from nas_data.recorders.guarded import GuardedArm, Setup
@@ -22,7 +22,7 @@ from nas_data.recorders.path_planner import PathPlanner
 from nas_data.recorders.schedule import MonotonicClock
 from nas_data.robots.ergojr import JOINTS, ROBOT
 
-POSITIONS, STATE = position_feature(JOINTS).names, state_feature(JOINTS).names
+POSITIONS, STATE = make_position_feature(JOINTS).names, make_state_feature(JOINTS).names
 
 
 class ErgoJr(Robot):
@@ -86,13 +86,13 @@ class ErgoJr(Robot):
         """Take the pose that a person gives the arm as zero, and store it; the arm sinks before."""
         self._let_go()
         input("Put the arm upright by hand, all horns on their marks, hold it and press Enter.")
-        joints = ergojr_joints()
+        joints = make_ergojr_joints()
         arm = Xl320Arm(self._port, joints)
         try:
             raw = np.array([arm.bus.get(identity, "present_position") for identity in joints.ids])
         finally:
             arm.close()
-        write_calibration(self.calibration_fpath, joints.with_offsets(offsets_at_zero(joints, raw)))
+        write_calibration(self.calibration_fpath, joints.with_offsets(compute_zero_offsets(joints, raw)))
         self._load_calibration()
         self._guard()
 
@@ -134,7 +134,7 @@ class ErgoJr(Robot):
 
     def _joints(self) -> Joints:
         path, virtual = self.calibration_fpath, self.config.port == VIRTUAL
-        return read_calibration(path, ergojr_joints()) if path.is_file() and not virtual else ergojr_joints()
+        return read_calibration(path, make_ergojr_joints()) if path.is_file() and not virtual else make_ergojr_joints()
 
     def _let_go(self) -> None:
         """Leave the arm without torque, if it is held."""

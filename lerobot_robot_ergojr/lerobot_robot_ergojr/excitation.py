@@ -8,14 +8,14 @@ from lerobot.teleoperators import Teleoperator
 from lerobot.utils.errors import DeviceNotConnectedError
 
 from lerobot_robot_ergojr.config_ergojr import ErgoJrExcitationConfig
-from nas_data.dataset.features import position_feature
+from nas_data.dataset.features import make_position_feature
 from nas_data.excitations.base import parse
-from nas_data.hardware.xl320.ergojr import ergojr_joints
+from nas_data.hardware.xl320.ergojr import make_ergojr_joints
 from nas_data.recorders.arm_plan import RETURN, MotionPlan, draw_plan
 from nas_data.recorders.session import PlaybackProtocol
 from nas_data.robots.ergojr import JOINTS, RATE, ROBOT
 
-POSITIONS = position_feature(JOINTS).names
+POSITIONS = make_position_feature(JOINTS).names
 
 
 class ErgoJrExcitation(Teleoperator):
@@ -89,5 +89,5 @@ def in_a_row(plan: MotionPlan) -> np.ndarray:
     """Return a plan's episodes one after the other, each followed by its first pose, in whole ticks [rad], (T, n)."""
     rest = np.repeat(plan.poses[:, None], round(RETURN * RATE), axis=1)
     rows = np.concatenate([plan.commands, rest], axis=1).reshape(-1, plan.commands.shape[2])
-    joints = ergojr_joints()
+    joints = make_ergojr_joints()
     return np.stack([joints.positions(joints.ticks(row)) for row in rows])

@@ -39,13 +39,13 @@ def as_dataset(dataset: Dataset | str | Path, episodes: Sequence[int] = ()) -> D
     return complete.select(episodes) if episodes else complete
 
 
-def name_of(dataset: Dataset) -> Path:
+def find_name(dataset: Dataset) -> Path:
     """Return what to call a dataset in reports and errors: its folder where it has one."""
     folder = dataset.origin.root if dataset.origin else None
     return folder or Path("dataset")
 
 
-def folder_of(dataset: Dataset) -> Path | None:
+def find_folder(dataset: Dataset) -> Path | None:
     """Return the folder that holds a dataset; None where it is in memory only, made there or changed since."""
     origin = dataset.origin
     return origin.root if origin is not None and is_unchanged(dataset, origin) else None

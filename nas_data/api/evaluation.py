@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from nas_data.api.arguments import Actuators, Count, Progress, as_dataset, as_optional_model, count_aloud, folder_of
+from nas_data.api.arguments import Actuators, Count, Progress, as_dataset, as_optional_model, count_aloud, find_folder
 from nas_data.api.learned import LearnedModel
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.foreign import warn
@@ -16,7 +16,7 @@ from nas_data.models import checkpoint
 from nas_data.models.evaluation import PLAIN, Evaluation
 from nas_data.models.evaluation import evaluate as evaluate_predictors
 from nas_data.pairing import warn_of_ranges
-from nas_data.robots.base import find_robot, robot_names
+from nas_data.robots.base import find_robot, list_robot_names
 from nas_data.runs.progress import silence
 from nas_data.simulators.base import Simulator
 from nas_data.sources import SourceModel, locate_source
@@ -87,7 +87,7 @@ def is_model(learned: LearnedModel | str | Path) -> bool:
     """Whether a model file or a robot's name is given, not what was learned: a checkpoint is a folder."""
     if isinstance(learned, LearnedModel):
         return False
-    return Path(learned).is_file() or (str(learned) in robot_names() and not Path(learned).exists())
+    return Path(learned).is_file() or (str(learned) in list_robot_names() and not Path(learned).exists())
 
 
 def as_learned(learned: LearnedModel | str | Path) -> LearnedModel:
@@ -98,8 +98,8 @@ def as_learned(learned: LearnedModel | str | Path) -> LearnedModel:
     """
     if not isinstance(learned, LearnedModel) and not Path(learned).exists():
         raise OptionError(
-            f"There is no file or folder '{learned}', and no robot of that name ({', '.join(robot_names())}); give a "
-            "model file or a folder written by `nas train`."
+            f"There is no file or folder '{learned}', and no robot of that name ({', '.join(list_robot_names())}); "
+            "give a model file or a folder written by `nas train`."
         )
     return learned if isinstance(learned, LearnedModel) else LearnedModel.load(learned)
 
@@ -145,7 +145,7 @@ def fit_plain(
     trained_on = learned.trained_on if learned else None
     fitted, what = (trained_on, "what the model was trained on") if trained_on else (dataset, "these very episodes")
     try:
-        simulator = fit_plain_source(fitted, str(source.model), folder_of(fitted), say)
+        simulator = fit_plain_source(fitted, str(source.model), find_folder(fitted), say)
     except NasError as error:
         warn([f"no {PLAIN}: {error}"])
         return {}, (f"no {PLAIN}: {error}",)

@@ -3,7 +3,7 @@
 import tempfile
 from pathlib import Path
 
-from nas_data.api.arguments import Actuators, Progress, as_dataset, as_model, folder_of
+from nas_data.api.arguments import Actuators, Progress, as_dataset, as_model, find_folder
 from nas_data.dataset.dataset import Dataset
 from nas_data.gap.problem import Problem
 from nas_data.gap.report import GapReport
@@ -49,6 +49,6 @@ def identify(
 
     def load() -> Problem:
         recorded = as_dataset(dataset)
-        return Problem.of(recorded, given, folder_of(recorded))
+        return Problem.of(recorded, given, find_folder(recorded))
 
     return investigate_problem(load, given, out, progress or silence, learn)

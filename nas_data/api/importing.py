@@ -13,7 +13,7 @@ from nas_data.dataset.foreign import warn
 from nas_data.dataset.origin import Origin
 from nas_data.dataset.versions import resolve
 from nas_data.errors import LogError, OptionError
-from nas_data.importing.calibration import middles_of, motors_of, read_calibration
+from nas_data.importing.calibration import find_range_middles, match_motors, read_calibration
 from nas_data.importing.lerobot import (
     CALIBRATION_ATTACHMENT,
     ImportOptions,
@@ -127,7 +127,7 @@ def read_logs(request: ImportRequest) -> Imported:
         raise OptionError("No log is given; say: nas import LOG… --map MAP.toml")
     mapping, notes = find_map(request)
     if mapping is None:
-        name = name_of_dataset(request.logs)
+        name = choose_dataset_name(request.logs)
         dataset, provenance, findings = import_dataset(request.logs[0], request.said)
         result = Import(dataset, provenance, subtasks([resolve(request.logs[0])]), findings)
     else:
@@ -172,11 +172,11 @@ def find_middles(mapping: Map | None, calibration: Path | None) -> dict[str, flo
     """Return where joints are put whose calibrated range is in its middle, of a LeRobot dataset."""
     if mapping is None or mapping.layout.format != LEROBOT:
         return {}
-    motors = [] if calibration is None else motors_of(mapping, read_calibration(calibration), calibration)
-    return middles_of(mapping, motors)
+    motors = [] if calibration is None else match_motors(mapping, read_calibration(calibration), calibration)
+    return find_range_middles(mapping, motors)
 
 
-def name_of_dataset(logs: Sequence[Path]) -> str:
+def choose_dataset_name(logs: Sequence[Path]) -> str:
     """Return the name of what is made of one dataset of LeRobot's.
 
     Raises:

@@ -8,7 +8,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.models import checkpoint
 from nas_data.models.evaluation import Evaluation
 from nas_data.models.lstm import DynamicsModel, Kind
-from nas_data.sources import kept_files
+from nas_data.sources import read_kept_files
 
 
 @dataclass(frozen=True, repr=False)
@@ -63,7 +63,7 @@ class LearnedModel:
             CheckpointError: it is missing or damaged.
         """
         place = checkpoint.find_checkpoint(Path(folder))
-        return cls(checkpoint.load_frozen(place), kept_files(place), folder=place)
+        return cls(checkpoint.load_frozen(place), read_kept_files(place), folder=place)
 
     def save(self, folder: str | Path) -> Path:
         """Write a checkpoint, which every command takes; an older one in the folder is replaced."""

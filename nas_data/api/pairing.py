@@ -9,15 +9,15 @@ from nas_data.api.arguments import Actuators, as_dataset, as_model, as_named
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.foreign import warn
 from nas_data.dataset.origin import Origin
-from nas_data.dataset.provenance import now, package_versions
+from nas_data.dataset.provenance import format_current_time, read_package_versions
 from nas_data.effects.base import Effect, parse
 from nas_data.errors import NasError
 from nas_data.gap.report import GapReport
-from nas_data.pairing import object_warnings, warn_of_ranges
+from nas_data.pairing import describe_missing_objects, warn_of_ranges
 from nas_data.pairing import pair as pair_with
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.engines import load_simulator
-from nas_data.sources import check_kept, describe_left_out, source_files
+from nas_data.sources import check_kept, collect_source_files, describe_left_out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,13 +98,19 @@ def make_pairs(recorded: Dataset, by: PairingSource) -> Pairing:
     began = time.perf_counter()
     paired = pair_with(recorded, simulator)
     seconds = time.perf_counter() - began
-    missing = object_warnings(recorded, simulator)
+    missing = describe_missing_objects(recorded, simulator)
     warnings = [*warn_of_ranges(recorded, robot.spec().compile()), *missing]
     warn(missing)
     files, remark = keep_source(robot, added, paired, by.engine, model)
     origin, source = recorded.origin, simulator.describe()
     assert origin is not None
-    made = {"how": "paired", "when": now(), "packages": dict(package_versions()), "content_hash": "", "files": {}}
+    made = {
+        "how": "paired",
+        "when": format_current_time(),
+        "packages": dict(read_package_versions()),
+        "content_hash": "",
+        "files": {},
+    }
     provenance = replace(origin.provenance, **made, source=source, parents=origin.parents)  # type: ignore[arg-type]
     kept = {f"meta/{name}": content for name, content in files.items()}
     paired = replace(paired, origin=None)
@@ -116,7 +122,7 @@ def keep_source(
     robot: Robot, effects: Sequence[Effect], paired: Dataset, engine: str, model: str
 ) -> tuple[Mapping[str, bytes], str | None]:
     """Return the files that keep the source with the dataset, and what they lack; none that predict otherwise."""
-    files, remark = source_files(robot, effects), describe_left_out(robot)
+    files, remark = collect_source_files(robot, effects), describe_left_out(robot)
     if remark is None:
         return files, None
     try:

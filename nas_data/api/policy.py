@@ -13,7 +13,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from nas_data.arrays import Array
 from nas_data.count_of import count_of
-from nas_data.environment_ids import environment_id
+from nas_data.environment_ids import make_environment_id
 from nas_data.envs.base import find_task_file
 from nas_data.errors import CheckpointError, JointMismatch, OptionError
 from nas_data.policies.policy import CLIP, EPSILON, MEAN, VARIANCE, Policy, find_policies
@@ -62,7 +62,7 @@ def load_policy(
     settings = policy.config.get("hyperparameters")
     if not isinstance(settings, Mapping):
         raise CheckpointError(f"{folder} does not say how its policy was trained; train it again.")
-    env = env or gymnasium.make(f"nas_data:{environment_id(find_task_file(policy.environment))}")
+    env = env or gymnasium.make(f"nas_data:{make_environment_id(find_task_file(policy.environment))}")
     check_spaces(policy, env)
     ppo = PPO(
         ActorCriticPolicy,

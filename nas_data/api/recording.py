@@ -11,7 +11,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import Origin
 from nas_data.effects.base import Effect
 from nas_data.effects.base import parse as parse_effect
-from nas_data.environment_ids import environment_id
+from nas_data.environment_ids import make_environment_id
 from nas_data.envs.base import find_task, find_task_file
 from nas_data.errors import OptionError
 from nas_data.excitations.base import Excitation
@@ -89,8 +89,8 @@ def record(
     """
     if env is None:
         body = find_robot(as_model(robot, actuators))
-        readings = readings_of(body, noise, quantum, velocity_noise)
-        target = target_of(body, readings, effects, report, rate, engine)
+        readings = make_readings(body, noise, quantum, velocity_noise)
+        target = make_target(body, readings, effects, report, rate, engine)
     else:
         own: dict[str, object] = {"rate": rate, "effect": effects, "effects": report, "joints": joints}
         own |= {"actuators": actuators != "position", "start": start != "rest"}
@@ -100,7 +100,7 @@ def record(
         task = find_task(env)
         body, built_in = task.body(dynamics)
         simulator = load_simulator(body, task.period, task.joints, built_in, engine)
-        target = Target(body, simulator, readings_of(body, noise, quantum, velocity_noise), 1 / task.period)
+        target = Target(body, simulator, make_readings(body, noise, quantum, velocity_noise), 1 / task.period)
         seconds = task.horizon * task.period if seconds is None else seconds
     seconds = SECONDS if seconds is None else seconds
     check_amount(episodes, seconds, LONGEST)
@@ -112,7 +112,7 @@ def record(
         start=start,
         seed=seed,
         joints=tuple(joints),
-        environment=environment_id(find_task_file(env)) if env else "",
+        environment=make_environment_id(find_task_file(env)) if env else "",
     )
     session, say = RecordingSession.draw(target, protocol), progress or silence
     total = len(session.commands)
@@ -122,7 +122,7 @@ def record(
     return replace(dataset, origin=Origin(dataset, session.provenance(blind)))
 
 
-def target_of(
+def make_target(
     robot: Robot,
     readings: Readings,
     effects: Sequence[Effect | str],
@@ -145,7 +145,7 @@ def target_of(
     return Target(robot, load_simulator(body, 1 / rate, effects=added, engine=engine), readings, rate)
 
 
-def readings_of(robot: Robot, noise: float, quantum: float | None, velocity_noise: float) -> Readings:
+def make_readings(robot: Robot, noise: float, quantum: float | None, velocity_noise: float) -> Readings:
     """Say how the sensors of a robot show its state."""
     return Readings(
         noise=noise,

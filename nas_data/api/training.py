@@ -13,14 +13,14 @@ from nas_data.api.arguments import (
     as_dataset,
     as_optional_model,
     count_aloud,
-    folder_of,
-    name_of,
+    find_folder,
+    find_name,
 )
 from nas_data.api.learned import LearnedModel
 from nas_data.count_of import count_of
 from nas_data.dataset import versions
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.origin import identity_of, kept_folders
+from nas_data.dataset.origin import find_identity, kept_folders
 from nas_data.errors import DatasetInvalid, ModelFileError
 from nas_data.models.evaluation import evaluate as evaluate_predictors
 from nas_data.models.lstm import Kind
@@ -32,7 +32,7 @@ from nas_data.pairing import check_source, warn_of_ranges
 from nas_data.robots.base import find_robot
 from nas_data.runs.progress import silence
 from nas_data.simulators.base import Simulator
-from nas_data.sources import find_source, kept_files, source_files
+from nas_data.sources import collect_source_files, find_source, read_kept_files
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +100,7 @@ def train_delta(
     """
     request = TrainingRequest(
         kind="delta",
-        options=options_of(preset, updates, seed),
+        options=choose_options(preset, updates, seed),
         model=model,
         engine=engine,
         out=out,
@@ -130,7 +130,7 @@ def train_forward(
     """
     request = TrainingRequest(
         kind="forward",
-        options=options_of(preset, updates, seed),
+        options=choose_options(preset, updates, seed),
         model=model,
         engine=engine,
         out=out,
@@ -141,7 +141,7 @@ def train_forward(
     return train(as_dataset(dataset), request)
 
 
-def options_of(preset: str | TrainingOptions, updates: int | None, seed: int | None) -> TrainingOptions:
+def choose_options(preset: str | TrainingOptions, updates: int | None, seed: int | None) -> TrainingOptions:
     """Return a preset's options, some of them changed; None leaves one as it is."""
     if isinstance(preset, str):
         return find_preset(preset, updates=updates, seed=seed)
@@ -157,7 +157,7 @@ def train(dataset: Dataset, request: TrainingRequest) -> LearnedModel:
     kind, folder, say = request.kind, Path(request.out), request.progress
     if kind == "delta":
         check_paired(dataset)
-    origin, seen = dataset.origin, identity_of(dataset)
+    origin, seen = dataset.origin, find_identity(dataset)
     notes = [f"derived {key}: {how}" for key, how in (origin.derived if origin else {}).items()]
     provenance: dict[str, object] = {
         "dataset": {"name": seen.name, "content_hash": seen.content_hash, "episodes": list(request.episodes)}
@@ -194,7 +194,7 @@ def check_paired(dataset: Dataset) -> None:
     Raises:
         DatasetInvalid: says how to make one with them.
     """
-    folder = folder_of(dataset)
+    folder = find_folder(dataset)
     if folder is not None:
         versions.check_paired(folder, dataset, "A delta model")
     if not dataset.paired:
@@ -214,7 +214,7 @@ def find_training_source(
         if model is not None:
             raise
         if kind == "delta":
-            told = str(error).replace(str(kept_in[0]), str(name_of(dataset)))
+            told = str(error).replace(str(kept_in[0]), str(find_name(dataset)))
             notes.append(
                 f"{told} Without it, training is by teacher forcing alone, and open-loop errors cannot be told."
             )
@@ -222,7 +222,7 @@ def find_training_source(
     if kind == "delta" and dataset.paired:
         check_source(dataset, simulator)
     if model is None:
-        return simulator, kept_files(kept_in[0])
+        return simulator, read_kept_files(kept_in[0])
     robot = find_robot(model)
     warn_of_ranges(dataset, robot.spec().compile())
-    return simulator, source_files(robot)
+    return simulator, collect_source_files(robot)

@@ -7,7 +7,7 @@ from pathlib import Path
 import torch
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from nas_data.benchmarks.gym_reacher import GymReacher, NaiveReacher, dummy
+from nas_data.benchmarks.gym_reacher import GymReacher, NaiveReacher, make_dummy_vec_env
 from nas_data.benchmarks.result import BenchmarkResult
 from nas_data.benchmarks.rounds import Ratio, Work, take_turns
 from nas_data.envs.ergo_reacher import TASK
@@ -15,7 +15,7 @@ from nas_data.envs.loop.arm_vec_env import ArmVecEnv
 from nas_data.errors import OptionError
 from nas_data.models.augmented import AugmentedStepper
 from nas_data.models.lstm import DynamicsModel
-from nas_data.policies.learner import Hyperparameters, new_ppo
+from nas_data.policies.learner import Hyperparameters, make_ppo
 from nas_data.simulators.mujoco import MujocoSimulator
 
 MOST = 64  # environments of a side
@@ -37,20 +37,20 @@ def benchmark(scratch: Path, frames: int, rounds: int) -> BenchmarkResult:
     """
     if frames < MOST:
         raise OptionError(f"--frames is {frames}; at least {MOST} are needed, one for each environment.")
-    phi, simulator = random_phi(), MujocoSimulator.load(TASK.robot, TASK.period, TASK.joints)
+    phi, simulator = make_random_phi(), MujocoSimulator.load(TASK.robot, TASK.period, TASK.joints)
 
     def augmented(size: int) -> VecEnv:
         return ArmVecEnv(TASK, AugmentedStepper(simulator.stepper(size), phi))
 
     environments: dict[str, Callable[[], VecEnv]] = {
         "augmented_16": lambda: augmented(16),
-        "plain_16": lambda: dummy(lambda: GymReacher(simulator.model), 16),
-        "naive_16": lambda: dummy(lambda: NaiveReacher(simulator.model, phi), 16),
+        "plain_16": lambda: make_dummy_vec_env(lambda: GymReacher(simulator.model), 16),
+        "naive_16": lambda: make_dummy_vec_env(lambda: NaiveReacher(simulator.model, phi), 16),
         "batched_16": lambda: ArmVecEnv(TASK, simulator.stepper(16)),
         "augmented_64": lambda: augmented(64),
-        "plain_64": lambda: dummy(lambda: GymReacher(simulator.model), 64),
+        "plain_64": lambda: make_dummy_vec_env(lambda: GymReacher(simulator.model), 64),
     }
-    sides = {name: learning(make(), frames) for name, make in environments.items()}
+    sides = {name: make_ppo_update(make(), frames) for name, make in environments.items()}
     ratios = [
         Ratio(f"augmented_vs_{name}", f"augmented_{name.rpartition('_')[2]}", name, wanted, "cpu")
         for name, wanted in WANTED.items()
@@ -68,7 +68,7 @@ def benchmark(scratch: Path, frames: int, rounds: int) -> BenchmarkResult:
     )
 
 
-def random_phi() -> DynamicsModel:
+def make_random_phi() -> DynamicsModel:
     """Return φ of the paper's size with random weights and a tiny output."""
     torch.manual_seed(0)
     phi = DynamicsModel("delta", TASK.joints, fps=1 / TASK.period)
@@ -76,10 +76,10 @@ def random_phi() -> DynamicsModel:
     return phi.eval().requires_grad_(False)
 
 
-def learning(environment: VecEnv, frames: int) -> Work:
+def make_ppo_update(environment: VecEnv, frames: int) -> Work:
     """Return a function that does one rollout and its update, and continues from there at the next call."""
     p = Hyperparameters(arms=environment.num_envs, rollout=frames, minibatches=max(1, frames // MINIBATCH))
-    ppo = new_ppo(VecNormalize(environment, gamma=p.discount), p, seed=0)
+    ppo = make_ppo(VecNormalize(environment, gamma=p.discount), p, seed=0)
 
     def work() -> int:
         before = ppo.num_timesteps

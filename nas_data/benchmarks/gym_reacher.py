@@ -97,6 +97,6 @@ class NaiveReacher(GymReacher):
         return torch.from_numpy(np.concatenate([self.data.qpos, self.data.qvel]).astype(np.float32))[None, None]
 
 
-def dummy(make: Callable[[], GymReacher], size: int) -> DummyVecEnv:
+def make_dummy_vec_env(make: Callable[[], GymReacher], size: int) -> DummyVecEnv:
     """Return environments as a `DummyVecEnv`, each with a time limit and a monitor."""
     return DummyVecEnv([lambda: Monitor(TimeLimit(make(), TASK.horizon))] * size)

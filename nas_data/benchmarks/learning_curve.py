@@ -59,7 +59,7 @@ def learn(dataset: Dataset, options: TrainingOptions, enough: Callable[[Point], 
     return tuple(curve)
 
 
-def when(curve: Curve, loss: float) -> tuple[float, float]:
+def find_time_to_loss(curve: Curve, loss: float) -> tuple[float, float]:
     """Return the processor and elapsed time [s] at which a held-out loss was reached; infinite if never."""
     return next(((point.cpu, point.wall) for point in curve if point.loss <= loss), (math.inf, math.inf))
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from nas_data.benchmarks.hardware import hardware
+from nas_data.benchmarks.hardware import describe_hardware
 from nas_data.benchmarks.rounds import Ratio, Times
 
 
@@ -46,15 +46,15 @@ class BenchmarkResult:
 
     def to_text(self) -> str:
         """Return title, times per frame of each round, ratios and hardware as text."""
-        machine = hardware()
+        machine = describe_hardware()
         versions = machine["versions"]
         assert isinstance(versions, Mapping)
         on = f"{machine['processor']}, {machine['cores']} cores, load {machine['load']}, {machine['system']}"
         with_versions = ", ".join(f"{name} {version}" for name, version in versions.items())
         ratios = [ratio.describe(self.times) for ratio in self.ratios]
-        return "\n".join([self.title, "", *self._table(), "", *ratios, *self.notes, f"{on}; {with_versions}"])
+        return "\n".join([self.title, "", *self._format_table(), "", *ratios, *self.notes, f"{on}; {with_versions}"])
 
-    def _table(self) -> list[str]:
+    def _format_table(self) -> list[str]:
         """Return one line per side with its times; the last column is the shortest processor time."""
         heading, factor = f"{self.unit.heading} in round", self.unit.factor
         width = max(len(name) for name in (heading, *self.times))
@@ -81,5 +81,5 @@ class BenchmarkResult:
             },
             "title": self.title,
             "notes": self.notes,
-            "hardware": hardware(),
+            "hardware": describe_hardware(),
         }

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from nas_data.api.recording import record
 from nas_data.benchmarks.bulk import pair_folder, write_version
-from nas_data.benchmarks.learning_curve import Curve, Point, learn, when
+from nas_data.benchmarks.learning_curve import Curve, Point, find_time_to_loss, learn
 from nas_data.benchmarks.result import SECONDS, BenchmarkResult
 from nas_data.benchmarks.rounds import Ratio, Times
 from nas_data.dataset.dataset import Dataset
@@ -64,9 +64,9 @@ class Race:
         return {
             "paper": measure_training_time(self.paper[-1]),
             "tuned": measure_training_time(self.tuned[-1]),
-            "nas, to paper's loss": when(self.fast, self.paper[-1].loss),
-            "nas, to tuned's loss": when(self.fast, self.tuned[-1].loss),
-            "recipe, to paper's loss": when(self.recipe, self.paper[-1].loss),
+            "nas, to paper's loss": find_time_to_loss(self.fast, self.paper[-1].loss),
+            "nas, to tuned's loss": find_time_to_loss(self.fast, self.tuned[-1].loss),
+            "recipe, to paper's loss": find_time_to_loss(self.recipe, self.paper[-1].loss),
         }
 
 
@@ -100,7 +100,7 @@ def benchmark(scratch: Path, episodes: int, budget: int, seeds: int) -> Benchmar
     races = []
     for seed in range(seeds):
         races.append(Race.run(dataset, seed, budget))
-        say(f"seed {seed}: {sentence(races[-1])}")
+        say(f"seed {seed}: {describe_losses(races[-1])}")
     return BenchmarkResult(
         title=f"Training φ on {episodes} episodes of {ENVIRONMENT} with backlash; one column a seed",
         times=as_times(races),
@@ -109,7 +109,7 @@ def benchmark(scratch: Path, episodes: int, budget: int, seeds: int) -> Benchmar
             Ratio("training_vs_tuned", "nas, to tuned's loss", "tuned", WANTED_TUNED, "cpu"),
             Ratio("recipe_vs_paper", "recipe, to paper's loss", "paper", None, "cpu"),
         ),
-        notes=tuple(f"Seed {seed}: {sentence(race)}" for seed, race in enumerate(races)),
+        notes=tuple(f"Seed {seed}: {describe_losses(race)}" for seed, race in enumerate(races)),
         unit=SECONDS,
     )
 
@@ -123,7 +123,7 @@ def as_times(races: Sequence[Race]) -> dict[str, Times]:
     }
 
 
-def sentence(race: Race) -> str:
+def describe_losses(race: Race) -> str:
     """Say what losses were reached."""
     paper, tuned, fast = race.paper[-1], race.tuned[-1], race.fast[-1]
     return (

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from nas_data.commands.base import Command, CommandResult
 from nas_data.errors import OptionError
-from nas_data.registry import snake_case
+from nas_data.registry import to_snake_case
 
 if TYPE_CHECKING:
     from nas_data.benchmarks.result import BenchmarkResult
@@ -31,7 +31,7 @@ class Benchmark(Command):
         for name, size in sizes.items():
             if size < 1:
                 raise OptionError(f"--{name} is {size}; at least 1 is needed.")
-        name = snake_case(type(self).__name__).removeprefix("benchmark_")
+        name = to_snake_case(type(self).__name__).removeprefix("benchmark_")
         benchmark: Callable[..., BenchmarkResult] = import_module(f"nas_data.benchmarks.{name}").benchmark
         with TemporaryDirectory(prefix="nas-benchmark-") as folder:
             result = benchmark(Path(folder), **sizes)

@@ -17,7 +17,7 @@ from nas_data.hardware.virtual_bus.ports import VIRTUAL, port_of
 from nas_data.hardware.xl320.arm import Xl320
 from nas_data.hardware.xl320.calibration import find_joints
 from nas_data.hardware.xl320.configuration import Configuration
-from nas_data.hardware.xl320.ergojr import ergojr_joints
+from nas_data.hardware.xl320.ergojr import make_ergojr_joints
 from nas_data.hardware.xl320.joints import Joints
 from nas_data.policies.evaluate import SEED, Returns
 from nas_data.policies.policy import find_policies, load_policy
@@ -26,7 +26,7 @@ from nas_data.policies.rollouts.evaluation_plan import EvaluationPlan
 from nas_data.policies.rollouts.recorded import Recorder, Saved, saved_as
 from nas_data.policies.rollouts.robot_stepper import RobotStepper, RolloutTally
 from nas_data.policies.rollouts.rollout import roll_out_on_arm
-from nas_data.policies.tables import policy_table
+from nas_data.policies.tables import format_policy_table
 from nas_data.recorders.guarded import Setup
 from nas_data.recorders.schedule import MonotonicClock, SteppedClock
 from nas_data.recorders.stopping import stop_on_signals
@@ -82,7 +82,7 @@ class OnArm:
             with self._reporting_saved(saved, plan), arms.open(task, tally) as on:
                 scores = self._roll_out(plan, on, saved)
             path = saved.finish(describe_tally(tally)) if saved else None
-        return self._result(plan, environment, scores, tally, path)
+        return self._make_result(plan, environment, scores, tally, path)
 
     def _roll_out(self, plan: EvaluationPlan, on: tuple[Task, RobotStepper], saved: Saved | None) -> list[Returns]:
         """Roll out the episodes that are not saved yet; return the scores of all episodes."""
@@ -128,7 +128,7 @@ class OnArm:
             f"{count_of(len(returns), 'episode')}, mean return "
             f"{np.mean(returns):.2f}.\n{describe_tally(saved.tally)}\n{path}"
         )
-        return CommandResult(text, {"dataset": path, "returns": returns, **tally_to_json(saved.tally)})
+        return CommandResult(text, {"dataset": path, "returns": returns, **convert_tally_to_json(saved.tally)})
 
     def _arms(self, task: Task, stack: ExitStack) -> ArmSetup:
         """Open the ports; the stack closes them and ends virtual arms."""
@@ -164,7 +164,7 @@ class OnArm:
         return Configuration(speed=self.options.speed)
 
     def _joints(self, port: str, own: str) -> Joints:
-        return ergojr_joints() if port == VIRTUAL else find_joints(ergojr_joints(), "ergojr", own)
+        return make_ergojr_joints() if port == VIRTUAL else find_joints(make_ergojr_joints(), "ergojr", own)
 
     def _recorder(self, plan: EvaluationPlan, environment: str, arms: ArmSetup) -> Recorder:
         """Return the conversion of rollouts to a dataset; a recording with another provenance cannot be resumed."""
@@ -198,12 +198,12 @@ class OnArm:
             provenance=provenance,
         )
 
-    def _result(
+    def _make_result(
         self, plan: EvaluationPlan, environment: str, scores: list[Returns], tally: RolloutTally, path: Path | None
     ) -> CommandResult:
         groups = plan.groups(scores)
         lines = [f"{environment} on {self.port}, {count_of(self.options.episodes, 'episode')} a policy, mean actions:"]
-        lines += [policy_table(groups, {}), self._describe_rewards(), describe_tally(tally)]
+        lines += [format_policy_table(groups, {}), self._describe_rewards(), describe_tally(tally)]
         lines += [f"{count_of(len(scores), 'episode')} → {path}"] if path else []
         returns, count = [float(score.returns[0]) for score in scores], self.options.episodes
         data = {
@@ -214,7 +214,7 @@ class OnArm:
             "episodes": count,
             "groups": [group.describe() for group in groups],
             "returns": [returns[first : first + count] for first in range(0, len(returns), count)],
-            **tally_to_json(tally),
+            **convert_tally_to_json(tally),
             "dataset": path,
         }
         return CommandResult("\n".join(lines), data)
@@ -239,7 +239,7 @@ def describe_tally(tally: RolloutTally) -> str:
     )
 
 
-def tally_to_json(tally: RolloutTally) -> dict[str, int]:
+def convert_tally_to_json(tally: RolloutTally) -> dict[str, int]:
     """Return the statistics for JSON."""
     return {
         "sittings": tally.sittings,

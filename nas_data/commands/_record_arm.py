@@ -98,13 +98,13 @@ class RecordArm(Command):
         from nas_data.dataset.incremental_writer import IncrementalWriter
         from nas_data.dataset.versions import check_destination
         from nas_data.dataset.write_lock import hold_write_lock
-        from nas_data.recorders.under_way import recording_folder
+        from nas_data.recorders.under_way import choose_recording_folder
 
         protocol, step = self._protocol(), self.step
         task = self.commands.stem if self.commands else protocol.excitation.name()
         name = self.name or f"{self.kind}_{task}"
         check_destination(out=self.out, name=name)
-        with hold_write_lock(root := recording_folder(name, self.out)):
+        with hold_write_lock(root := choose_recording_folder(name, self.out)):
             growing = IncrementalWriter(root)
             if not self.finish:
                 self._record(growing, protocol, step)
@@ -124,11 +124,11 @@ class RecordArm(Command):
             check_arm(driver)  # before the plan is drawn, which takes a while
             setup = Setup(
                 driver=driver,
-                planner=PathPlanner(robot_of(robot, driver)),
+                planner=PathPlanner(restrict_to_arm(robot, driver)),
                 rate=self.rate,
                 largest_step=step,
             )
-            plan, provenance = self._plan(growing, protocol, robot_of(robot, driver)), self._provenance(protocol)
+            plan, provenance = self._plan(growing, protocol, restrict_to_arm(robot, driver)), self._provenance(protocol)
             job = Job(setup=setup, plan=plan, hot=self.hot, provenance=provenance)
             clock = SteppedClock() if self.lockstep else MonotonicClock()
             progress = Remaining(growing.episodes, len(job.plan.commands), "saved ")
@@ -143,20 +143,20 @@ class RecordArm(Command):
         """
         from nas_data.recorders.arm import PLAN
         from nas_data.recorders.arm_plan import MotionPlan, draw_plan, plan_key
-        from nas_data.recorders.under_way import other_recording_error
+        from nas_data.recorders.under_way import make_other_recording_error
 
         if not growing.episodes:
             return draw_plan(robot, protocol, self.rate, self.speed, Counting("planned"))
         if not (growing.root / PLAN).is_file():  # rollouts of policies have none
-            raise other_recording_error(growing.root, "another command")
+            raise make_other_recording_error(growing.root, "another command")
         plan = MotionPlan.from_bytes((growing.root / PLAN).read_bytes())
         if plan.key != plan_key(robot, protocol, self.rate, self.speed):
-            raise other_recording_error(growing.root, "other options")
+            raise make_other_recording_error(growing.root, "other options")
         return plan
 
     def _finish(self, growing: "IncrementalWriter", name: str) -> CommandResult:
         """Make a dataset of the saved episodes, and remove the recording."""
-        from nas_data.dataset.content import content_hash
+        from nas_data.dataset.content import hash_content
         from nas_data.dataset.provenance import read_provenance
         from nas_data.dataset.read import read
         from nas_data.recorders.arm_tally import RecordingQuality, RecordingStats
@@ -173,7 +173,7 @@ class RecordArm(Command):
         )
         data = {"dataset": str(path), "episodes": dataset.n_episodes, "frames": dataset.n_frames, "fps": dataset.fps}
         return CommandResult(
-            f"{head}\n{notes}\n{path}", {**data, **quality.to_json(), "content_hash": content_hash(dataset)}
+            f"{head}\n{notes}\n{path}", {**data, **quality.to_json(), "content_hash": hash_content(dataset)}
         )
 
     def _protocol(self) -> "PlaybackProtocol":
@@ -216,7 +216,7 @@ class RecordArm(Command):
         )
 
 
-def robot_of(robot: "Robot", driver: "Driver") -> "Robot":
+def restrict_to_arm(robot: "Robot", driver: "Driver") -> "Robot":
     """Return the model with only the arm's joints, in their order."""
     from dataclasses import replace
 

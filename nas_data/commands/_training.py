@@ -64,7 +64,7 @@ class Train(TakesModel):
             seed=self.seed,
         )
         root = versions.resolve(self.dataset)
-        name = versions.identity(root).split("/")[0]
+        name = versions.find_dataset_name(root).split("/")[0]
         folder = self.out or Path("runs") / f"{self.kind}-{name}-seed{self.seed}"
         request = TrainingRequest(
             kind=self.kind,

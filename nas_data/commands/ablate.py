@@ -75,7 +75,7 @@ class Ablate(TakesModel):
 
     def run(self) -> CommandResult:
         """Check, sweep and summarise."""
-        from nas_data.runs.environment_info import commit
+        from nas_data.runs.environment_info import find_commit
         from nas_data.studies.ablation import inflation, summary, table, write
         from nas_data.studies.ablation.checks import check
         from nas_data.studies.ablation.executors.base import find_executor
@@ -97,30 +97,37 @@ class Ablate(TakesModel):
             "seeds": plan.seeds,
             "trials": len(trials),
             "code": {trial.config.kind: trial.code for trial in trials},
-            "commit": commit(),
+            "commit": find_commit(),
             "inflation": cost and cost.to_json(),
             "wall_seconds": sum(result.wall_seconds for result in results),
             "cpu_seconds": sum(result.cpu_seconds for result in results),
         }
         files = write.write(self.out, found, more, notes)
         failed = [f"failed: {sentence}" for sentence in found.failed]
-        text = [table.text(found), "", found.sentence(), *notes, *failed, *(f"→ {path}" for path in files.values())]
+        text = [
+            table.format_table(found),
+            "",
+            found.sentence(),
+            *notes,
+            *failed,
+            *(f"→ {path}" for path in files.values()),
+        ]
         return CommandResult("\n".join(text), {**files, **found.to_json(), **more}, ok=not failed)
 
     def _plan(self) -> "SweepPlan":
         """Read the options."""
         from nas_data.dataset import versions
-        from nas_data.studies.ablation.amount import words
+        from nas_data.studies.ablation.amount import split_words
         from nas_data.studies.ablation.material import SweepData
         from nas_data.studies.ablation.sweep import SweepPlan
 
         test = versions.resolve(self.test) if self.test else None
         material = SweepData(versions.resolve(self.dataset), test, self.actuated(self.model), self.engine, self.effects)
-        seeds = words(self.seeds)
+        seeds = split_words(self.seeds)
         if not all(word.isdecimal() for word in seeds):
             raise OptionError(f"--seeds are {', '.join(seeds)}; give different whole numbers, 0 or more.")
         return SweepPlan(
-            kinds=tuple(dict.fromkeys(words(self.kinds))),
+            kinds=tuple(dict.fromkeys(split_words(self.kinds))),
             amounts=self._amounts(material.read().n_episodes),
             seeds=tuple(map(int, seeds)),
             options=self._options(),

@@ -42,15 +42,21 @@ class BenchmarkGap(Command):
     def run(self) -> CommandResult:
         """Run what is not finished, then tabulate everything."""
         from nas_data.benchmarks.blind.benchmark import BlindPlan, run
-        from nas_data.benchmarks.blind.tables import print_tables, tables
-        from nas_data.runs.environment_info import commit
+        from nas_data.benchmarks.blind.tables import make_tables, print_tables
+        from nas_data.runs.environment_info import find_commit
 
-        families, plants, baselines = (words(text) for text in (self.families, self.plants, self.baselines))
+        families, plants, baselines = (split_words(text) for text in (self.families, self.plants, self.baselines))
         plan = BlindPlan(families, plants, self.cases, self.seed, self.power, baselines, self.keep, self.setting)
         records = run(plan, self.out, investigate, say)
-        found = tables(records)
+        found = make_tables(records)
         text = f"{len(records)} blind cases ({self.setting}), seed {self.seed}\n\n{print_tables(found)}\n→ {self.out}"
-        told = {"out": self.out, "cases": len(records), "setting": self.setting, "seed": self.seed, "commit": commit()}
+        told = {
+            "out": self.out,
+            "cases": len(records),
+            "setting": self.setting,
+            "seed": self.seed,
+            "commit": find_commit(),
+        }
         return CommandResult(text, {**told, "tables": found})
 
 
@@ -61,6 +67,6 @@ def investigate(dataset: Path, model: Path, out: Path) -> None:
     workflow.investigate(dataset, model, out)
 
 
-def words(text: str) -> tuple[str, ...]:
+def split_words(text: str) -> tuple[str, ...]:
     """Split a list with commas."""
     return tuple(word.strip() for word in text.split(",") if word.strip())

@@ -35,17 +35,17 @@ class Diff(Command):
     def run(self) -> CommandResult:
         """Read both and compare them."""
         from nas_data.dataset.derive_provenance import Original
-        from nas_data.dataset.diff import diff
+        from nas_data.dataset.diff import compare_datasets
 
         with saying(f"comparing {self.a} and {self.b}"):
             a, b = Original.read(self.a), Original.read(self.b)
-            found = diff(a.dataset, b.dataset, (a.provenance, b.provenance))
+            found = compare_datasets(a.dataset, b.dataset, (a.provenance, b.provenance))
         verdict = "have equal content" if found.equal_content else "differ"
-        lines = [f"A {a.root} and", f"B {b.root} {verdict}.", *content_lines(found), *provenance_lines(found)]
+        lines = [f"A {a.root} and", f"B {b.root} {verdict}.", *describe_content(found), *describe_provenance(found)]
         return CommandResult("\n".join(lines), {"a": a.root, "b": b.root, **found.to_json()}, found.equal_content)
 
 
-def content_lines(found: "Difference") -> Iterator[str]:
+def describe_content(found: "Difference") -> Iterator[str]:
     """Say what differs in what the datasets hold."""
     for what, pair in (("feature", found.only), ("joint", found.joints)):
         for side, names in zip("AB", pair, strict=True):
@@ -60,9 +60,9 @@ def content_lines(found: "Difference") -> Iterator[str]:
     yield f"  episodes: {found.counts[0]} in A, {found.counts[1]} in B; {equal}"
     for side, episodes in zip("AB", found.unmatched, strict=True):
         if episodes:
-            yield f"  episodes only in {side}: {some(episodes)}"
+            yield f"  episodes only in {side}: {list_first(episodes)}"
     if found.compared:
-        yield f"  episodes with other values (A/B): {some([f'{i}/{j}' for i, j in found.compared])}"
+        yield f"  episodes with other values (A/B): {list_first([f'{i}/{j}' for i, j in found.compared])}"
     for key, change in found.values.items():
         yield (
             f"  {key}: differs in {count_of(change.frames, 'frame')}, at most by {change.largest:.6g} "
@@ -79,19 +79,19 @@ def describe_moved(found: "Difference") -> str:
     return f", {found.moved} of them at another place" if found.moved else ""
 
 
-def some(items: tuple[int, ...] | list[str]) -> str:
+def list_first(items: tuple[int, ...] | list[str]) -> str:
     """List the first few items."""
     rest = len(items) - SHOWN
     return ", ".join(str(item) for item in items[:SHOWN]) + (f" and {rest} more" if rest > 0 else "")
 
 
-def provenance_lines(found: "Difference") -> Iterator[str]:
+def describe_provenance(found: "Difference") -> Iterator[str]:
     """Say what differs in where the datasets come from."""
     for key, (a, b) in found.provenance.items():
-        yield f"  provenance {key}: {short(a)} in A, {short(b)} in B"
+        yield f"  provenance {key}: {shorten(a)} in A, {shorten(b)} in B"
 
 
-def short(value: object) -> str:
+def shorten(value: object) -> str:
     """Return a value in a few words; --json has all of it."""
     text = "none" if value is None else " ".join(str(value).split())
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"

@@ -32,57 +32,57 @@ class Effects(Command):
         from nas_data import registry
         from nas_data.effects.base import find_effect
 
-        chosen = [find_effect(name) for name in self.names or registry.names("effects")]
+        chosen = [find_effect(name) for name in self.names or registry.list_names("effects")]
         if self.names:
-            text = "\n\n".join("\n".join(in_full(kind)) for kind in chosen)
+            text = "\n\n".join("\n".join(describe_effect(kind)) for kind in chosen)
         else:
-            text = "\n".join([*(in_short(kind) for kind in chosen), "In full: nas effects NAME"])
-        return CommandResult(text, {"effects": [described(kind) for kind in chosen]})
+            text = "\n".join([*(summarise_effect(kind) for kind in chosen), "In full: nas effects NAME"])
+        return CommandResult(text, {"effects": [make_json(kind) for kind in chosen]})
 
 
-def in_short(kind: "type[Effect]") -> str:
+def summarise_effect(kind: "type[Effect]") -> str:
     """Return a line: name, where it may sit, parameters."""
     told = ", ".join(f"{p.name} [{p.unit}]" if p.unit else p.name for p in kind.parameters)
-    return f"{kind.name():<{WIDTH}} {' or '.join(places(kind)):<12} {told}"
+    return f"{kind.name():<{WIDTH}} {' or '.join(list_places(kind)):<12} {told}"
 
 
-def in_full(kind: "type[Effect]") -> Iterator[str]:
+def describe_effect(kind: "type[Effect]") -> Iterator[str]:
     """Yield what is known of an effect, line by line."""
     beyond = "in a form of its own; where that does not fit the joint, the nearest effect that fits"
     told = {
         "equation": kind.equation,
-        **{parameter.name: span(parameter) for parameter in kind.parameters},
+        **{parameter.name: describe_bounds(parameter) for parameter in kind.parameters},
         "shows as": kind.signature,
         "confused with": ", ".join(kind.confused_with) or "nothing that is known",
         "in model.xml": "yes" if kind.in_model else beyond,
         "source": kind.source,
     }
-    yield f"{kind.name()} ({' or '.join(places(kind))}): {meaning(kind)}"
+    yield f"{kind.name()} ({' or '.join(list_places(kind))}): {read_meaning(kind)}"
     yield from (f"  {name:<{WIDTH}} {what}" for name, what in told.items())
 
 
-def span(parameter: "Parameter") -> str:
+def describe_bounds(parameter: "Parameter") -> str:
     """Return a parameter's bounds, its unit and where it does nothing."""
     return f"{parameter.low:g} … {parameter.high:g} {parameter.unit}".rstrip() + f", neutral at {parameter.neutral:g}"
 
 
-def places(kind: "type[Effect]") -> list[str]:
+def list_places(kind: "type[Effect]") -> list[str]:
     """Return where an effect may sit."""
     return ["joint"] * kind.per_joint + ["arm"] * kind.whole_arm
 
 
-def meaning(kind: "type[Effect]") -> str:
+def read_meaning(kind: "type[Effect]") -> str:
     """Return the first sentence about an effect."""
     return (inspect.getdoc(kind) or "").split("\n\n")[0].replace("\n", " ")
 
 
-def described(kind: "type[Effect]") -> dict[str, object]:
+def make_json(kind: "type[Effect]") -> dict[str, object]:
     """Return an effect for machines."""
     limits = ("name", "unit", "low", "high", "neutral")
     return {
         "effect": kind.name(),
-        "meaning": meaning(kind),
-        "places": places(kind),
+        "meaning": read_meaning(kind),
+        "places": list_places(kind),
         "parameters": [{key: getattr(parameter, key) for key in limits} for parameter in kind.parameters],
         "equation": kind.equation,
         "signature": kind.signature,

@@ -42,7 +42,7 @@ class GapAdd(TakesModel):
         from nas_data.gap.problem import Problem
         from nas_data.gap.score_model import score_model
         from nas_data.gap.search.final import FinalFit
-        from nas_data.joint_units import display_unit
+        from nas_data.joint_units import find_display_unit
 
         check_model(self.out, self.model)
         with never_silent("writing and judging the model"):
@@ -55,7 +55,7 @@ class GapAdd(TakesModel):
         told = " and ".join(
             f"{unit.text(errors.before, 3)} before, {unit.text(errors.after, 3)} after"
             for errors in (found, found.slides)
-            if errors is not None and (unit := display_unit(errors.unit))
+            if errors is not None and (unit := find_display_unit(errors.unit))
         )
         text = (
             f"Open-loop position error on {len(problem.held.evidence)} held-out episodes: {told}, "

@@ -29,7 +29,7 @@ class GapFind(TakesModel):
         from nas_data.gap.finding.find import find
         from nas_data.gap.problem import Problem
         from nas_data.runs.progress import never_silent
-        from nas_data.typed_json import finite
+        from nas_data.typed_json import make_finite
 
         with never_silent("comparing model and recording"):
             problem = Problem.load(self.dataset, self.actuated(self.model))
@@ -38,6 +38,6 @@ class GapFind(TakesModel):
         if self.out is not None:
             self.out.mkdir(parents=True, exist_ok=True)
             path = self.out / "find.json"
-            path.write_text(json.dumps(finite(found.to_json()), indent=1), encoding="utf-8")
+            path.write_text(json.dumps(make_finite(found.to_json()), indent=1), encoding="utf-8")
             text += f"\n{path}"
         return CommandResult(text, found.to_json())

@@ -80,11 +80,11 @@ class ImportLogs(Command):
         root = versions.save(result.dataset, result.provenance, out=self.out, name=name, attachments=result.attachments)
         derived = () if imported.mapped else result.provenance.derived.items()
         lines = [*imported.notes, *(f"derived {key}: {how}" for key, how in derived)]
-        text = "\n".join([_text(result, root), *(f"  {line}" for line in lines)])
-        return CommandResult(text, _data(result, root, imported.notes))
+        text = "\n".join([_format_result(result, root), *(f"  {line}" for line in lines)])
+        return CommandResult(text, _make_json(result, root, imported.notes))
 
 
-def _text(result: "Import", root: Path) -> str:
+def _format_result(result: "Import", root: Path) -> str:
     """Return the result and the findings of the audits as text."""
     dataset = result.dataset
     minutes = dataset.n_frames / dataset.fps / 60
@@ -92,13 +92,13 @@ def _text(result: "Import", root: Path) -> str:
         f"{dataset.robot_type}: {count_of(dataset.n_episodes, 'episode')}, {count_of(dataset.n_frames, 'transition')} "
         f"at {dataset.fps:g} Hz "
         f"({minutes:.1f} min), joints {', '.join(dataset.joints)}.",
-        *(_findings_text(result.findings) or ["The audits found nothing."]),
+        *(_format_findings(result.findings) or ["The audits found nothing."]),
         f"The dataset lies in {root}",
     ]
     return "\n".join(lines)
 
 
-def _findings_text(findings: "Iterable[AuditFinding]") -> list[str]:
+def _format_findings(findings: "Iterable[AuditFinding]") -> list[str]:
     """Return the first few findings of each kind as lines."""
     kinds: dict[str, list[AuditFinding]] = {}
     for finding in findings:
@@ -112,7 +112,7 @@ def _findings_text(findings: "Iterable[AuditFinding]") -> list[str]:
     return lines
 
 
-def _data(result: "Import", root: Path, notes: Sequence[str]) -> dict[str, object]:
+def _make_json(result: "Import", root: Path, notes: Sequence[str]) -> dict[str, object]:
     """Return the result for JSON."""
     dataset = result.dataset
     return {

@@ -31,11 +31,11 @@ class Info(Command):
         if self.dataset.is_file():
             raise DatasetNotFound(f"{self.dataset} is a file, no dataset; give a dataset's folder or datasets/NAME.")
         summary = summarize(self.dataset)
-        lines = [*overview(summary), *feature_lines(summary), *provenance_lines(summary)]
+        lines = [*describe_recording(summary), *describe_features(summary), *describe_provenance(summary)]
         return CommandResult("\n".join(lines), summary.to_json())
 
 
-def overview(summary: "DatasetSummary") -> Iterator[str]:
+def describe_recording(summary: "DatasetSummary") -> Iterator[str]:
     """Say what was recorded."""
     frames = sum(summary.lengths)
     tasks = [f"{task or 'unnamed'} ({count})" for task, count in summary.tasks.items()]
@@ -47,11 +47,11 @@ def overview(summary: "DatasetSummary") -> Iterator[str]:
     yield f"  episodes      {len(summary.lengths)} of {min(summary.lengths)} to {max(summary.lengths)} frames"
     yield f"  frames        {frames}, {frames / summary.rate:.1f} s"
     yield f"  tasks         {', '.join(tasks)}"
-    yield f"  paired        {pairing(summary)}"
+    yield f"  paired        {describe_pairing(summary)}"
     yield f"  content hash  {summary.content_hash}"
 
 
-def feature_lines(summary: "DatasetSummary") -> Iterator[str]:
+def describe_features(summary: "DatasetSummary") -> Iterator[str]:
     """Name the features and the range of each component of state and command."""
     yield "features"
     for key, feature in summary.features.items():
@@ -65,7 +65,7 @@ def feature_lines(summary: "DatasetSummary") -> Iterator[str]:
             yield f"  {key} {name}: {low:.4g} … {high:.4g} {summary.units.get(name, '')}".rstrip()
 
 
-def provenance_lines(summary: "DatasetSummary") -> Iterator[str]:
+def describe_provenance(summary: "DatasetSummary") -> Iterator[str]:
     """Say what has to be derived and where the dataset comes from."""
     if summary.unusable:
         yield f"not usable as it is: {summary.unusable}"
@@ -80,7 +80,7 @@ def provenance_lines(summary: "DatasetSummary") -> Iterator[str]:
         yield f"provenance: {name}: {provenance.how}, {provenance.when}" + (f", from {parents}" if parents else "")
 
 
-def pairing(summary: "DatasetSummary") -> str:
+def describe_pairing(summary: "DatasetSummary") -> str:
     """Say whether a source's predictions are present, and which source's."""
     if not summary.paired:
         return "no (nas pair adds what a source model predicts)"

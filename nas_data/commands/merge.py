@@ -30,9 +30,9 @@ class Merge(Command):
 
     def run(self) -> CommandResult:
         """Read, compare, join and write."""
-        from nas_data.dataset.content import content_hash
+        from nas_data.dataset.content import hash_content
         from nas_data.dataset.derive_provenance import Original
-        from nas_data.dataset.merge import merge, remarks
+        from nas_data.dataset.merge import list_merge_warnings, merge
         from nas_data.dataset.staging import refuse_existing
         from nas_data.dataset.versions import check_name, save
 
@@ -53,7 +53,7 @@ class Merge(Command):
                 parent=originals[0].root if self.name is None else None,
                 attachments=merged.attachments,
             )
-            notes = list(remarks(originals))
+            notes = list(list_merge_warnings(originals))
         dataset = merged.dataset
         text = (
             f"{count_of(dataset.n_episodes, 'episode')}, {count_of(dataset.n_frames, 'frame')} of "
@@ -63,7 +63,7 @@ class Merge(Command):
             "\n".join([text, *(f"  note: {note}" for note in notes)]),
             {
                 "dataset": folder,
-                "content_hash": content_hash(dataset),
+                "content_hash": hash_content(dataset),
                 "episodes": dataset.n_episodes,
                 "frames": dataset.n_frames,
                 "parents": [vars(original.parent) for original in originals],

@@ -51,7 +51,7 @@ class PolicyCompare(Command):
 
         from nas_data.envs.loop.dynamics_spec import DynamicsSpec
         from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare
-        from nas_data.typed_json import finite
+        from nas_data.typed_json import make_finite
 
         for option, value in (("--frames", self.frames), ("--episodes", self.episodes), ("--workers", self.workers)):
             if value < 1:
@@ -72,7 +72,7 @@ class PolicyCompare(Command):
         study = Study(target, methods, self.seed, self.frames, self.episodes)
         found = compare(study, self.out, self.workers)
         result = self.out / "comparison.json"
-        result.write_text(json.dumps(finite(found.describe()), indent=1, allow_nan=False), encoding="utf-8")
+        result.write_text(json.dumps(make_finite(found.describe()), indent=1, allow_nan=False), encoding="utf-8")
         head = (
             f"{self.env} with dynamics '{self.dynamics}', {count_of(self.frames, 'frame', ',')}, "
             f"{count_of(self.episodes, 'episode')} a policy:"

@@ -78,7 +78,7 @@ class PolicyEvaluate(Command):
             needed = "needs --port PORT" if self.on == "ergojr" else "takes no --port"
             raise OptionError(f"Judging on '{self.on}' {needed}; see: nas policy evaluate --help.")
         self._check_unused()
-        return self._on_arm(self.port) if self.port else self._in_simulation()
+        return self._on_arm(self.port) if self.port else self._evaluate_in_simulation()
 
     def _check_unused(self) -> None:
         """Refuse options that would do nothing, so that nobody waits for what they ask."""
@@ -95,12 +95,12 @@ class PolicyEvaluate(Command):
         if unused:
             raise OptionError(f"Judging on '{self.on}' takes no {unused[0]}; see: nas policy evaluate --help.")
 
-    def _in_simulation(self) -> CommandResult:
+    def _evaluate_in_simulation(self) -> CommandResult:
         from nas_data.envs.base import SOURCE
         from nas_data.envs.loop.dynamics_spec import DynamicsSpec
         from nas_data.policies.evaluate import score_baselines, score_group
         from nas_data.policies.policy import find_policies, load_policy
-        from nas_data.policies.tables import policy_table
+        from nas_data.policies.tables import format_policy_table
 
         first = load_policy(find_policies(self.policies[0])[0])
         effects = None if self.effects is None else str(self.effects)
@@ -122,7 +122,7 @@ class PolicyEvaluate(Command):
             "groups": [group.describe() for group in groups],
             "baselines": {name: score.describe() for name, score in baselines.items()},
         }
-        return CommandResult(f"{what}\n{policy_table(groups, baselines)}", data)
+        return CommandResult(f"{what}\n{format_policy_table(groups, baselines)}", data)
 
     def _on_arm(self, port: str) -> CommandResult:
         from nas_data.commands._on_arm import OnArm

@@ -44,7 +44,7 @@ class PolicyTrain(Command):
 
     def run(self) -> CommandResult:
         """Train every seed."""
-        trainings = self._trainings()
+        trainings = self._list_trainings()
         from nas_data.policies.policy import load_policy, read_progress
         from nas_data.policies.ppo import train_job
         from nas_data.policies.tables import align_columns
@@ -77,7 +77,7 @@ class PolicyTrain(Command):
             "\n".join(text), {"out": folder, "policies": [results[number] for number in sorted(results)]}
         )
 
-    def _trainings(self) -> "list[PolicyTraining]":
+    def _list_trainings(self) -> "list[PolicyTraining]":
         """Check the options and return what to train."""
         learned = self.on in {"augmented", "forward"}
         if learned != (self.checkpoint is not None):

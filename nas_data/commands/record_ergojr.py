@@ -97,8 +97,8 @@ class RecordErgojr(RecordArm):
 
     def _joints(self) -> "Joints":
         from nas_data.hardware.xl320.calibration import find_joints
-        from nas_data.hardware.xl320.ergojr import ergojr_joints
+        from nas_data.hardware.xl320.ergojr import make_ergojr_joints
 
         if self.virtual and not self.calibration:
-            return ergojr_joints()
-        return find_joints(ergojr_joints(), NAME, self.id, self.calibration)
+            return make_ergojr_joints()
+        return find_joints(make_ergojr_joints(), NAME, self.id, self.calibration)

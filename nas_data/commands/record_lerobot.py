@@ -104,7 +104,9 @@ class RecordLerobot(RecordArm):
         """See `RecordArm`."""
         from nas_data.recorders.lerobot_robot import driver_of
 
-        return driver_of(self._request(), self._port, self.effect, self.fault, self.lockstep, self.rate, self.speed)
+        return driver_of(
+            self._make_request(), self._port, self.effect, self.fault, self.lockstep, self.rate, self.speed
+        )
 
     def simulated(self) -> str:
         """See `RecordArm`."""
@@ -117,20 +119,20 @@ class RecordLerobot(RecordArm):
             raise OptionError(f"On which port is the arm? Give --robot.port PORT, or --port {VIRTUAL} to try it.")
         return port
 
-    def _request(self) -> "RobotRequest":
+    def _make_request(self) -> "RobotRequest":
         from nas_data.recorders.lerobot_robot import RobotRequest
 
         named = {"id": self.robot.id} if self.robot.id else {}
         return RobotRequest(
             kind=self.robot.type,
-            options={**pairs("--robot.option", self.robot.option), **named},
+            options={**parse_pairs("--robot.option", self.robot.option), **named},
             model=self.arm_model(),
             reverse=self.reverse,
-            zero={joint: radians(joint, value) for joint, value in pairs("--zero", self.zero).items()},
+            zero={joint: parse_angle(joint, value) for joint, value in parse_pairs("--zero", self.zero).items()},
         )
 
 
-def pairs(option: str, texts: tuple[str, ...]) -> Mapping[str, str]:
+def parse_pairs(option: str, texts: tuple[str, ...]) -> Mapping[str, str]:
     """Read KEY=VALUE pairs.
 
     Raises:
@@ -143,7 +145,7 @@ def pairs(option: str, texts: tuple[str, ...]) -> Mapping[str, str]:
     return {key: value for key, _, value in split.values()}
 
 
-def radians(joint: str, text: str) -> float:
+def parse_angle(joint: str, text: str) -> float:
     """Read an angle.
 
     Raises:

@@ -66,7 +66,7 @@ class RecordSim(TakesModel):
     def run(self) -> CommandResult:
         """Record and write the dataset."""
         from nas_data.api.recording import record
-        from nas_data.dataset.content import content_hash
+        from nas_data.dataset.content import hash_content
         from nas_data.dataset.origin import describe
         from nas_data.dataset.versions import check_destination, save
 
@@ -109,6 +109,6 @@ class RecordSim(TakesModel):
             "frames": dataset.n_frames,
             "fps": dataset.fps,
             "seconds": took,
-            "content_hash": content_hash(dataset),
+            "content_hash": hash_content(dataset),
         }
         return CommandResult(text, data)

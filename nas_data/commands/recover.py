@@ -50,12 +50,12 @@ class Recover(Command):
         with saying(f"rescuing {root}"):
             rescue = recover(root, self.beyond, like)
             folder = self._write(rescue)
-        return CommandResult("\n".join(lines(rescue, folder)), data(rescue, folder))
+        return CommandResult("\n".join(describe_rescue(rescue, folder)), make_json(rescue, folder))
 
     def _write(self, rescue: "Rescue") -> Path | None:
         """Write what was rescued; nothing where nothing was damaged."""
-        from nas_data.dataset.recover import destination
-        from nas_data.dataset.versions import FOLDER, new_version
+        from nas_data.dataset.recover import find_destination
+        from nas_data.dataset.versions import FOLDER, write_version
         from nas_data.dataset.write import write
 
         derived = rescue.derived
@@ -63,11 +63,13 @@ class Recover(Command):
             return None
         if self.out is not None:
             return write(derived.dataset, self.out, derived.provenance, derived.attachments)
-        folder, name = (FOLDER, self.name) if self.name is not None else destination(rescue.root)
-        return new_version(derived.dataset, name, derived.provenance, folder, derived.attachments, damaged=rescue.root)
+        folder, name = (FOLDER, self.name) if self.name is not None else find_destination(rescue.root)
+        return write_version(
+            derived.dataset, name, derived.provenance, folder, derived.attachments, damaged=rescue.root
+        )
 
 
-def lines(rescue: "Rescue", folder: Path | None) -> list[str]:
+def describe_rescue(rescue: "Rescue", folder: Path | None) -> list[str]:
     """Say what was rescued and what was lost."""
     if folder is None or rescue.derived is None:
         return [
@@ -88,7 +90,7 @@ def lines(rescue: "Rescue", folder: Path | None) -> list[str]:
     ]
 
 
-def data(rescue: "Rescue", folder: Path | None) -> dict[str, object]:
+def make_json(rescue: "Rescue", folder: Path | None) -> dict[str, object]:
     """Say the same for machines."""
     return {
         "dataset": folder,

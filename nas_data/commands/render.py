@@ -46,11 +46,11 @@ class Render(ShowsEpisode):
         for file in filter(None, (picture, film_file)):
             if file.exists():
                 raise OutputExists(f"{file} exists; choose another --out.")
-        from nas_data.reports.films.film import Film, frame_at, frames_between, write_mp4, write_png
+        from nas_data.reports.films.film import Film, find_frame, select_frames, write_mp4, write_png
 
         root, motion = self.motion()
-        chosen = frames_between(motion, self.start, self.seconds, self.rate, self.speed)
-        still = motion.worst if self.at is None else frame_at(motion, self.at, "--at")
+        chosen = select_frames(motion, self.start, self.seconds, self.rate, self.speed)
+        still = motion.worst if self.at is None else find_frame(motion, self.at, "--at")
         film = Film(motion, self.dataset.name, (self.height, self.width), self.azimuth, self.elevation)
         try:
             write_png(film.picture(still), picture)

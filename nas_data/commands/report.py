@@ -55,25 +55,25 @@ class Report(Command):
 
         pages, runs, counts = [], [], dict.fromkeys(KINDS, 0)
         for path in self.runs:
-            kind = kind_of(path)
+            kind = find_kind(path)
             if kind == "runs":
                 runs.append(path)
                 continue
             pages.append(page_of(path, kind))
             counts[kind] += 1
         if runs:
-            from nas_data.reports.run_sections import models_section, policies_section
+            from nas_data.reports.run_sections import make_models_section, make_policies_section
             from nas_data.reports.runs import find_runs
 
             found = find_runs(runs)
-            sections = [models_section(found.models)] if found.models else []
-            sections += [policies_section(found.groups())] if found.policies else []
+            sections = [make_models_section(found.models)] if found.models else []
+            sections += [make_policies_section(found.groups())] if found.policies else []
             pages.insert(0, HtmlPage("Runs of nas_data", sections))
             counts |= {"models": len(found.models), "policies": len(found.policies)}
         return pages, counts
 
 
-def kind_of(path: Path) -> str:
+def find_kind(path: Path) -> str:
     """Return what a folder holds: `gaps`, `sweeps`, `datasets`, or else `runs`."""
     from nas_data.dataset.layout import INFO
     from nas_data.dataset.versions import list_versions

@@ -50,10 +50,10 @@ class RobotErgojr(Command):
         from nas_data.hardware.virtual_bus.ports import VIRTUAL, port_of
         from nas_data.hardware.xl320.arm import Xl320Arm
         from nas_data.hardware.xl320.calibration import default_path, find_joints
-        from nas_data.hardware.xl320.ergojr import ergojr_joints
+        from nas_data.hardware.xl320.ergojr import make_ergojr_joints
 
         path = self.calibration or (None if self.port == VIRTUAL else default_path(NAME, self.id))
-        joints = ergojr_joints()
+        joints = make_ergojr_joints()
         if self.calibrate and path is None:
             raise OptionError(
                 "The zeros of a virtual arm are not those of yours; say where to keep them: --calibration FILE."
@@ -76,7 +76,7 @@ class RobotErgojr(Command):
             for identity in arm.joints.ids:
                 arm.bus.reboot(identity)
         inventory = take_inventory(arm)
-        lines = [*table(inventory.servos, arm), *(f"problem: {problem}" for problem in inventory.problems)]
+        lines = [*format_servos(inventory.servos, arm), *(f"problem: {problem}" for problem in inventory.problems)]
         ready = not inventory.problems
         if self.calibrate and path:
             lines.append(self._calibrate(arm, path))
@@ -84,16 +84,16 @@ class RobotErgojr(Command):
             lines.append(
                 f"The arm is ready. Zeros: {path if path and path.is_file() else 'not calibrated (--calibrate)'}"
             )
-        return CommandResult("\n".join(lines), data(inventory, arm), ready)
+        return CommandResult("\n".join(lines), make_json(inventory, arm), ready)
 
     def _calibrate(self, arm: "Xl320Arm", path: Path) -> str:
         """Store the present pose as zero."""
         import numpy as np
 
-        from nas_data.hardware.xl320.calibration import offsets_at_zero, write_calibration
+        from nas_data.hardware.xl320.calibration import compute_zero_offsets, write_calibration
 
         raw = np.array([arm.bus.get(identity, "present_position") for identity in arm.joints.ids])
-        joints = arm.joints.with_offsets(offsets_at_zero(arm.joints, raw))
+        joints = arm.joints.with_offsets(compute_zero_offsets(arm.joints, raw))
         write_calibration(path, joints)
         return f"Zero offsets {', '.join(map(str, joints.offsets))} ticks → {path}"
 
@@ -110,12 +110,15 @@ class RobotErgojr(Command):
         arm.bus.rename(int(old), int(new))
 
 
-def table(servos: "Sequence[FoundServo]", arm: "Xl320Arm") -> list[str]:
+def format_servos(servos: "Sequence[FoundServo]", arm: "Xl320Arm") -> list[str]:
     """Return a line of what is found for each servo; where the joints stand in degrees."""
-    return ["joint  id  model  firmware  supply  warmth  position  torque  errors", *(row(s, arm) for s in servos)]
+    return [
+        "joint  id  model  firmware  supply  warmth  position  torque  errors",
+        *(format_servo(s, arm) for s in servos),
+    ]
 
 
-def row(servo: "FoundServo", arm: "Xl320Arm") -> str:
+def format_servo(servo: "FoundServo", arm: "Xl320Arm") -> str:
     """Return the line of one servo."""
     import numpy as np
 
@@ -131,7 +134,7 @@ def row(servo: "FoundServo", arm: "Xl320Arm") -> str:
     )
 
 
-def data(inventory: "Inventory", arm: "Xl320Arm") -> dict[str, object]:
+def make_json(inventory: "Inventory", arm: "Xl320Arm") -> dict[str, object]:
     """Return the same for machines."""
     return {
         "port": arm.port,

@@ -43,7 +43,7 @@ class Split(Command):
         """Choose, divide and write both parts."""
         from nas_data.dataset.derive_provenance import Original
         from nas_data.dataset.split import draw, parse_episodes, split
-        from nas_data.dataset.versions import check_name, home_of, new_version
+        from nas_data.dataset.versions import check_name, find_home, write_version
 
         if self.seconds is not None and self.episodes is None and self.share is None and self.names is None:
             return self._cut(self.seconds)
@@ -59,7 +59,7 @@ class Split(Command):
             chosen = draw(original.dataset.n_episodes, self.share or 0.0, self.seed)
             how = f"a share of {self.share:g} drawn with seed {self.seed}"
         parts = split(original, chosen, how)
-        folder, name = home_of(original.root)
+        folder, name = find_home(original.root)
         names = self.names or (f"{name}_train", f"{name}_test")
         if names[0] == names[1]:
             raise OptionError(f"Both parts would be named '{names[0]}'; give two names.")
@@ -67,7 +67,7 @@ class Split(Command):
             check_name(item)
         with saying(f"writing {count_of(original.dataset.n_frames, 'frame')}"):
             written = [
-                new_version(part.dataset, item, part.provenance, folder, part.attachments)
+                write_version(part.dataset, item, part.provenance, folder, part.attachments)
                 for part, item in zip(parts, names, strict=True)
             ]
         notes = list(original.remarks())
@@ -88,15 +88,15 @@ class Split(Command):
         """Cut the episodes in time and write the result."""
         from nas_data.dataset.cutting import cut_every
         from nas_data.dataset.derive_provenance import Original, inherit
-        from nas_data.dataset.versions import check_name, home_of, new_version
+        from nas_data.dataset.versions import check_name, find_home, write_version
 
         original = Original.read(self.dataset)
-        folder, name = home_of(original.root)
+        folder, name = find_home(original.root)
         target = self.name or f"{name}_cut"
         check_name(target)
         dataset = cut_every(original.dataset, seconds)
         provenance = inherit([original], f"episodes of {original.parent.name} cut every {seconds:g} s")
         with saying(f"writing {count_of(dataset.n_frames, 'frame')}"):
-            path = new_version(dataset, target, provenance, folder, original.attachments)
+            path = write_version(dataset, target, provenance, folder, original.attachments)
         text = f"{count_of(dataset.n_episodes, 'episode')}, {count_of(dataset.n_frames, 'frame')} → {path}"
         return CommandResult(text, {"dataset": path, "episodes": dataset.n_episodes, "frames": dataset.n_frames})

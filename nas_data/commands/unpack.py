@@ -24,7 +24,7 @@ class Unpack(Command):
 
     def run(self) -> CommandResult:
         """Check and unpack."""
-        from nas_data.dataset.content import content_hash
+        from nas_data.dataset.content import hash_content
         from nas_data.dataset.read import read
         from nas_data.dataset.unpack import unpack
 
@@ -36,7 +36,7 @@ class Unpack(Command):
             f"{dataset.robot_type}, hashes right → {root}",
             {
                 "dataset": root,
-                "content_hash": content_hash(dataset),
+                "content_hash": hash_content(dataset),
                 "episodes": dataset.n_episodes,
                 "frames": dataset.n_frames,
             },

@@ -56,9 +56,9 @@ def render_card(dataset: Dataset, provenance: Provenance) -> str:
         content_hash=provenance.content_hash,
         table="\n".join(rows),
     )
-    return FRONT_MATTER.format(robot=_yaml_word(robot)) + body
+    return FRONT_MATTER.format(robot=_quote_yaml(robot)) + body
 
 
-def _yaml_word(text: str) -> str:
+def _quote_yaml(text: str) -> str:
     """Return a text as a YAML scalar; JSON quoting is valid YAML."""
     return text if text.replace("_", "").replace("-", "").isalnum() else '"' + text.replace('"', "'") + '"'

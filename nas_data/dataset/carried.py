@@ -43,7 +43,7 @@ class Carried:
     def of(cls, root: Path, frames: int) -> "Carried | None":
         """Return the pass-through features of a dataset; None if there are none, and no tools either."""
         info = layout.read_info(root)
-        wanted = layout.other_features(info) or layout.tools(info)
+        wanted = layout.describe_other_features(info) or layout.tools(info)
         return cls((root.resolve(),), np.arange(frames)) if wanted else None
 
     @classmethod
@@ -78,8 +78,8 @@ class Carried:
     @cached_property
     def features(self) -> dict[str, Description]:
         """LeRobot's description of each feature."""
-        described = [layout.described(info) for info in self._infos]
-        keys = layout.other_features(self._infos[0]) if self.kept is None else self.kept
+        described = [layout.read_feature_entries(info) for info in self._infos]
+        keys = layout.describe_other_features(self._infos[0]) if self.kept is None else self.kept
         return {key: common_description([entries[key] for entries in described]) for key in keys}
 
     @property
@@ -145,7 +145,7 @@ class Carried:
         self, starts: np.ndarray, lengths: np.ndarray, fps: float
     ) -> list[tuple[np.ndarray, np.ndarray]] | None:
         """Return each frame's episode in the source's clock and in its own [s]; None where no clock was moved."""
-        sources = [self._source_of(int(self.rows[start])) for start in starts]
+        sources = [self._find_source(int(self.rows[start])) for start in starts]
         if all(source.rows_before(row) == 0 and source.fps == fps for source, row in sources):
             return None
         clocks = []
@@ -176,7 +176,7 @@ class Carried:
         if not cameras:
             return found
         for start, length in zip(starts, lengths, strict=True):
-            source, row = self._source_of(int(self.rows[start]))
+            source, row = self._find_source(int(self.rows[start]))
             for key in cameras:
                 clip = source.clip(key, row, int(length), fps)
                 if not clip.file.is_file():
@@ -198,7 +198,7 @@ class Carried:
         """Return the source's statistics of the episode in which each start frame lies, by column."""
         found: list[Mapping[str, object]] = []
         for start in starts if self.features else ():
-            source, row = self._source_of(int(self.rows[start]))
+            source, row = self._find_source(int(self.rows[start]))
             entry = source.episode(row)
             prefixes = tuple(f"stats/{key}/" for key in self.features)
             found.append({key: value for key, value in entry.items() if key.startswith(prefixes)})
@@ -208,7 +208,7 @@ class Carried:
     def _sources(self) -> tuple["CarriedSource", ...]:
         return (self.salvaged,) if self.salvaged else tuple(CarriedSource(root) for root in self.roots)
 
-    def _source_of(self, row: int) -> tuple["CarriedSource", int]:
+    def _find_source(self, row: int) -> tuple["CarriedSource", int]:
         """Return the source of a row, and the row number in it."""
         for source in self._sources:
             if row < source.frames:
@@ -247,12 +247,12 @@ class CarriedSource:
 
     def rows_before(self, row: int) -> int:
         """Return how many rows of its episode are before a row."""
-        return row - self._first(int(self._numbers[row]))
+        return row - self._find_first_row(int(self._numbers[row]))
 
     def stamps(self, row: int) -> np.ndarray:
         """Return the time stamps [s] of the episode of a row; where the clock went back, it stands still."""
         number = int(self._numbers[row])
-        return np.maximum.accumulate(self._stamps[self._first(number) : self._first(number + 1)])
+        return np.maximum.accumulate(self._stamps[self._find_first_row(number) : self._find_first_row(number + 1)])
 
     @cached_property
     def _stamps(self) -> np.ndarray:
@@ -306,7 +306,7 @@ class CarriedSource:
             raise DatasetInvalid(f"{table} does not say where the pictures of episode {number} lie{self.remedy(key)}.")
         place = VideoPlace(**{name: entry[column] for name, column in columns.items()})  # type: ignore[arg-type]  # as stored
         template = str(layout.read_info(self.root).get("video_path") or VIDEO_PATH)
-        start = place.from_timestamp + (row - self._first(number)) / fps
+        start = place.from_timestamp + (row - self._find_first_row(number)) / fps
         stop = place.to_timestamp if length == entry["length"] else start + length / fps
         return Clip(self.root / place.path(key, template), start, stop)
 
@@ -320,8 +320,8 @@ class CarriedSource:
         Raises:
             DatasetInvalid: the readable files hold another number of its frames than `length`.
         """
-        first = self._first(episode)
-        if self._first(episode + 1) - first != length:
+        first = self._find_first_row(episode)
+        if self._find_first_row(episode + 1) - first != length:
             raise DatasetInvalid(f"the data file of episode {episode} is damaged")
         return first
 
@@ -330,13 +330,13 @@ class CarriedSource:
         stops = np.cumsum([len(numbers) for _, numbers in self._files])
         return [self._files[index][0] for index in np.unique(np.searchsorted(stops, self._order[rows], side="right"))]
 
-    def _first(self, episode: int) -> int:
+    def _find_first_row(self, episode: int) -> int:
         return int(np.searchsorted(self._numbers, episode))
 
     @cached_property
     def _files(self) -> list[tuple[Path, np.ndarray]]:
         """The readable data files, each with the episode number of its rows."""
-        tables = [(path, try_parquet(path, ["episode_index"])) for path in layout.data_files(self.root)]
+        tables = [(path, try_parquet(path, ["episode_index"])) for path in layout.list_data_files(self.root)]
         return [(path, table["episode_index"].to_numpy()) for path, table in tables if table is not None]
 
     @cached_property
@@ -357,7 +357,7 @@ class CarriedSource:
     @cached_property
     def _episodes(self) -> dict[int, Mapping[str, object]]:
         """Readable entries of the episode table, by episode number."""
-        tables = [try_parquet(path) for path in layout.episode_files(self.root)]
+        tables = [try_parquet(path) for path in layout.list_episode_files(self.root)]
         return {int(row["episode_index"]): row for table in tables if table for row in table.to_pylist()}
 
 
@@ -397,14 +397,14 @@ def shared_features(carried: Sequence[Carried | None]) -> list[str]:
     ]
 
 
-def overall(episodes: Sequence[Mapping[str, object]]) -> dict[str, dict[str, object]]:
+def combine_statistics(episodes: Sequence[Mapping[str, object]]) -> dict[str, dict[str, object]]:
     """Combine the statistics of episodes as LeRobot does: exactly, except that quantiles are averaged.
 
     Args:
         episodes: For each episode, `stats/<feature>/<statistic>` → values.
     """
     joined: dict[str, dict[str, object]] = {}
-    for key, names in _statistics_of(episodes):
+    for key, names in _list_shared_statistics(episodes):
         values = {name: np.array([entry[f"stats/{key}/{name}"] for entry in episodes], float) for name in names}
         if not {"min", "max", "mean", "std", "count"} <= values.keys():
             continue
@@ -419,7 +419,7 @@ def overall(episodes: Sequence[Mapping[str, object]]) -> dict[str, dict[str, obj
     return joined
 
 
-def _statistics_of(episodes: Sequence[Mapping[str, object]]) -> Iterator[tuple[str, list[str]]]:
+def _list_shared_statistics(episodes: Sequence[Mapping[str, object]]) -> Iterator[tuple[str, list[str]]]:
     """Yield each feature with the names of the statistics that all episodes have."""
     shared = [key for key in episodes[0] if all(entry.get(key) is not None for entry in episodes)] if episodes else []
     keys = dict.fromkeys(name.removeprefix("stats/").rpartition("/")[0] for name in shared)

@@ -23,7 +23,7 @@ def check_finite(dataset: Dataset, where: str) -> None:
     for key, column in dataset.columns.items():
         if key not in dataset.features or column.dtype.kind != "f":
             continue
-        sound = np.abs(column) <= _largest(column.dtype, np.dtype(dataset.features[key].dtype))
+        sound = np.abs(column) <= _find_largest_value(column.dtype, np.dtype(dataset.features[key].dtype))
         if sound.all():
             continue
         row, component = (int(index) for index in np.argwhere(~sound)[0])
@@ -34,7 +34,7 @@ def check_finite(dataset: Dataset, where: str) -> None:
         )
 
 
-def _largest(*types: np.dtype) -> float:
+def _find_largest_value(*types: np.dtype) -> float:
     """Return the largest value that all given types can hold."""
     return min([LARGEST] + [float(np.finfo(dtype).max) for dtype in types if dtype.kind == "f"])
 
@@ -54,13 +54,13 @@ def check_storable(dataset: Dataset, where: str) -> None:
     if not (np.isfinite(dataset.fps) and dataset.fps > 0):
         raise DatasetInvalid(f"{where} has a rate of {dataset.fps} Hz; a positive number is needed.")
     for key, feature in dataset.features.items():
-        reason = _unsound(key, feature.dtype, feature.width)
+        reason = _find_storage_problem(key, feature.dtype, feature.width)
         if reason:
             raise DatasetInvalid(f"{where}: the feature '{key}' cannot be stored: {reason}.")
     check_finite(dataset, where)
 
 
-def _unsound(key: str, dtype: str, width: int) -> str | None:
+def _find_storage_problem(key: str, dtype: str, width: int) -> str | None:
     if key in AUTOMATIC:
         return "LeRobot fills this column by itself; choose another key"
     if not key or "/" in key:

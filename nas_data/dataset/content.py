@@ -11,18 +11,18 @@ from nas_data.dataset.dataset import Dataset
 SCHEMA = 1  # increase it if the rule below changes, so that stored hashes are not compared with those of another rule
 
 
-def stored_column(dataset: Dataset, key: str) -> np.ndarray:
+def convert_column(dataset: Dataset, key: str) -> np.ndarray:
     """Return a column as it is stored: the feature's dtype, contiguous, shape (N, width)."""
     return np.ascontiguousarray(dataset.columns[key], dtype=dataset.features[key].dtype)
 
 
-def little_endian(dataset: Dataset, key: str) -> np.ndarray:
+def convert_to_little_endian(dataset: Dataset, key: str) -> np.ndarray:
     """Return a column as it is stored, little-endian on every machine."""
-    column = stored_column(dataset, key)
+    column = convert_column(dataset, key)
     return np.ascontiguousarray(column.astype(column.dtype.newbyteorder("<"), copy=False))
 
 
-def content_hash(dataset: Dataset) -> str:
+def hash_content(dataset: Dataset) -> str:
     """Return the SHA-256 of a dataset's logical content, as hexadecimal digits.
 
     Hashed are the features (key, names, units, dtype), the rate, the robot type, each episode's length and
@@ -45,18 +45,18 @@ def content_hash(dataset: Dataset) -> str:
         header["carried"] = {key: [entry.get("dtype"), entry.get("shape")] for key, entry in described.items()}
     digest = hashlib.sha256(json.dumps(header, sort_keys=True, separators=(",", ":")).encode())
     for key in sorted(dataset.features):
-        digest.update(little_endian(dataset, key).data)
+        digest.update(convert_to_little_endian(dataset, key).data)
     return digest.hexdigest()
 
 
-def episode_hashes(dataset: Dataset, keys: Sequence[str]) -> list[str]:
+def hash_episodes(dataset: Dataset, keys: Sequence[str]) -> list[str]:
     """Return the SHA-256 of each episode's length and exact values of the given features; tasks do not count.
 
     Args:
         dataset: The episodes.
         keys: Features to hash: all, or those that two datasets share.
     """
-    columns, hashes = [little_endian(dataset, key) for key in keys], []
+    columns, hashes = [convert_to_little_endian(dataset, key) for key in keys], []
     for frames in dataset.episodes():
         digest = hashlib.sha256(str(frames.stop - frames.start).encode())
         for column in columns:

@@ -140,9 +140,9 @@ class Dataset:
             JointMismatch: a joint is named twice, or a slide is no joint.
             OptionError: the rate or a kind is invalid.
         """
-        from nas_data.dataset.origin import of_arrays
+        from nas_data.dataset.origin import make_from_arrays
 
-        return of_arrays(positions, commands, rate, joints, velocities, times, kind, slides, turns, robot, tasks)
+        return make_from_arrays(positions, commands, rate, joints, velocities, times, kind, slides, turns, robot, tasks)
 
     def save(self, path: str | Path) -> Path:
         """Write the dataset as the next version of a name; a recorded version is never changed.
@@ -207,13 +207,13 @@ class Dataset:
     @cached_property
     def joints(self) -> tuple[str, ...]:
         """Names of the measured joints, from the position components of `observation.state`."""
-        names = self._feature(STATE).names
+        names = self._find_feature(STATE).names
         return tuple(name.removesuffix(POSITION) for name in names if name.endswith(POSITION))
 
     @cached_property
     def slides(self) -> frozenset[str]:
         """Names of the joints that are slides: those whose positions are in metres."""
-        feature = self._feature(STATE)
+        feature = self._find_feature(STATE)
         pairs = zip(feature.names, feature.units, strict=False)  # without units, all are taken for hinges
         return frozenset(
             name.removesuffix(POSITION) for name, unit in pairs if name.endswith(POSITION) and unit == SLIDE.si
@@ -223,7 +223,7 @@ class Dataset:
     def kinds(self) -> tuple[str, ...]:
         """Command type of each joint: position (`.pos`), velocity (`.vel`) or torque (`.effort`)."""
         ends = VELOCITY, EFFORT
-        return tuple(next((e for e in ends if name.endswith(e)), POSITION) for name in self._feature(ACTION).names)
+        return tuple(next((e for e in ends if name.endswith(e)), POSITION) for name in self._find_feature(ACTION).names)
 
     @property
     def commands_positions(self) -> bool:
@@ -293,11 +293,11 @@ class Dataset:
         """Return the dataset with one more (or a replaced) column of shape (N, width)."""
         return replace(self, features={**self.features, key: feature}, columns={**self.columns, key: column})
 
-    def _feature(self, key: str) -> Feature:
+    def _find_feature(self, key: str) -> Feature:
         if key not in self.features:
             raise JointMismatch(f"The dataset has no feature '{key}'; it has: {', '.join(self.features)}.")
         return self.features[key]
 
     def _column(self, key: str) -> Array:
-        self._feature(key)
+        self._find_feature(key)
         return self.columns[key]

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import TypeVar
 
 from nas_data.dataset import layout
-from nas_data.dataset.content import content_hash
+from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.provenance import Parent, Provenance, read_provenance
 from nas_data.dataset.read import read
-from nas_data.dataset.versions import identity, resolve
-from nas_data.visible_files import visible
+from nas_data.dataset.versions import find_dataset_name, resolve
+from nas_data.visible_files import list_visible_files
 
 Item = TypeVar("Item")
 OWN_FILES = {layout.INFO, layout.STATS, layout.TASKS, layout.PROVENANCE}
@@ -47,12 +47,12 @@ class Original:
     @cached_property
     def parent(self) -> Parent:
         """Entry for the provenance of datasets made from it."""
-        return Parent(identity(self.root), content_hash(self.dataset))
+        return Parent(find_dataset_name(self.root), hash_content(self.dataset))
 
     @cached_property
     def attachments(self) -> dict[str, bytes]:
         """Unaltered files that are not part of LeRobot's format, such as the source model."""
-        return attachments(self.root, self.provenance)
+        return read_attachments(self.root, self.provenance)
 
     def remarks(self) -> Iterator[str]:
         """Yield a sentence on each loss or doubt in datasets made from it."""
@@ -83,14 +83,14 @@ class Derived:
     attachments: Mapping[str, bytes]
 
 
-def attachments(root: Path, provenance: Provenance | None) -> dict[str, bytes]:
+def read_attachments(root: Path, provenance: Provenance | None) -> dict[str, bytes]:
     """Return the unaltered files of a dataset that are not part of LeRobot's format, by path.
 
     Only files below `meta/` are read, whatever paths the provenance names, because it may be untrusted.
     """
     recorded = provenance.files if provenance else {}
     found = subtasks([root]) if layout.SUBTASKS not in recorded else {}
-    for path in visible(root / "meta", "**/*"):
+    for path in list_visible_files(root / "meta", "**/*"):
         name = path.relative_to(root).as_posix()
         if name not in recorded or name in OWN_FILES or name.startswith("meta/episodes/") or path.is_symlink():
             continue
@@ -116,41 +116,43 @@ def inherit(originals: Sequence[Original], deed: str) -> Provenance:
         originals: The original datasets, at least one.
         deed: What was done, as text.
     """
-    before = [original.provenance or unknown_provenance(original.dataset) for original in originals]
+    before = [original.provenance or make_unknown_provenance(original.dataset) for original in originals]
     return Provenance(
         how="edited",
-        robot=common(item.robot for item in before) or originals[0].dataset.robot_type,
-        source=common(item.source for item in before),
-        target=common(item.target for item in before),
-        signal=common(item.signal for item in before),
-        seeds=_once(seed for item in before for seed in item.seeds),
-        parents=_once(original.parent for original in originals),
-        derived=_joined(item.derived for item in before),
+        robot=find_common_value(item.robot for item in before) or originals[0].dataset.robot_type,
+        source=find_common_value(item.source for item in before),
+        target=find_common_value(item.target for item in before),
+        signal=find_common_value(item.signal for item in before),
+        seeds=_remove_duplicates(seed for item in before for seed in item.seeds),
+        parents=_remove_duplicates(original.parent for original in originals),
+        derived=_join_texts(item.derived for item in before),
         contiguous=all(item.contiguous for item in before),
-        notes="\n".join(_once(line for note in [*(item.notes for item in before), deed] for line in note.splitlines())),
+        notes="\n".join(
+            _remove_duplicates(line for note in [*(item.notes for item in before), deed] for line in note.splitlines())
+        ),
     )
 
 
-def unknown_provenance(dataset: Dataset) -> Provenance:
+def make_unknown_provenance(dataset: Dataset) -> Provenance:
     """Return the provenance of a dataset that has none of its own."""
     return Provenance(how="lerobot", robot=dataset.robot_type)
 
 
-def common(values: Iterable[Item | None]) -> Item | None:
+def find_common_value(values: Iterable[Item | None]) -> Item | None:
     """Return the value that all share; None if they differ."""
     first, *others = values
     return first if all(value == first for value in others) else None
 
 
-def _once(values: Iterable[Item]) -> tuple[Item, ...]:
+def _remove_duplicates(values: Iterable[Item]) -> tuple[Item, ...]:
     """Return each value once, in the order of first appearance."""
     return tuple(dict.fromkeys(values))
 
 
-def _joined(mappings: Iterable[Mapping[str, str]]) -> dict[str, str]:
+def _join_texts(mappings: Iterable[Mapping[str, str]]) -> dict[str, str]:
     """Join texts by key; each text once."""
     texts: dict[str, list[str]] = {}
     for mapping in mappings:
         for key, text in mapping.items():
             texts.setdefault(key, []).append(text)
-    return {key: "; or ".join(_once(found)) for key, found in texts.items()}
+    return {key: "; or ".join(_remove_duplicates(found)) for key, found in texts.items()}

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from nas_data.dataset.content import content_hash, episode_hashes, stored_column
+from nas_data.dataset.content import convert_column, hash_content, hash_episodes
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import STATE, Feature
 from nas_data.dataset.provenance import Provenance
@@ -85,7 +85,9 @@ class Difference:
         }
 
 
-def diff(a: Dataset, b: Dataset, come_from: tuple[Provenance | None, Provenance | None] = (None, None)) -> Difference:
+def compare_datasets(
+    a: Dataset, b: Dataset, come_from: tuple[Provenance | None, Provenance | None] = (None, None)
+) -> Difference:
     """Compare two datasets.
 
     Episodes are matched by the exact values of the features that both have. The others are compared in order, each
@@ -97,31 +99,31 @@ def diff(a: Dataset, b: Dataset, come_from: tuple[Provenance | None, Provenance 
         come_from: Their provenance.
     """
     shared = [key for key in a.features if key in b.features]
-    same_kind = sorted(key for key in shared if _comparable(a.features[key], b.features[key]))
-    hashes = [dict(enumerate(episode_hashes(d, same_kind) if same_kind else ())) for d in (a, b)]
+    same_kind = sorted(key for key in shared if _is_comparable(a.features[key], b.features[key]))
+    hashes = [dict(enumerate(hash_episodes(d, same_kind) if same_kind else ())) for d in (a, b)]
     equal = match(hashes[0], hashes[1])
-    rest = _left(range(a.n_episodes), range(b.n_episodes), equal)
+    rest = _find_unpaired_episodes(range(a.n_episodes), range(b.n_episodes), equal)
     lengths = [{episode: int(d.lengths[episode]) for episode in own} for d, own in zip((a, b), rest, strict=True)]
     compared = tuple(match(lengths[0], lengths[1])) if same_kind else ()
     return Difference(
-        content_hashes=(content_hash(a), content_hash(b)),
-        only=_exclusive(tuple(a.features), tuple(b.features)),
+        content_hashes=(hash_content(a), hash_content(b)),
+        only=_find_exclusive_items(tuple(a.features), tuple(b.features)),
         changed={
             key: (describe(a.features[key]), describe(b.features[key]))
             for key in shared
             if a.features[key] != b.features[key]
         },
-        joints=_exclusive(_joints(a), _joints(b)),
+        joints=_find_exclusive_items(_list_joints(a), _list_joints(b)),
         rates=(a.fps, b.fps) if a.fps != b.fps else None,
         robots=(a.robot_type, b.robot_type) if a.robot_type != b.robot_type else None,
         counts=(a.n_episodes, b.n_episodes),
         equal_episodes=len(equal),
         moved=sum(i != j for i, j in equal),
         compared=compared,
-        unmatched=_left(*rest, compared),
+        unmatched=_find_unpaired_episodes(*rest, compared),
         values={key: change for key in same_kind if (change := _change(a, b, key, compared))},
         tasks=tuple((i, j, a.tasks[i], b.tasks[j]) for i, j in sorted([*equal, *compared]) if a.tasks[i] != b.tasks[j]),
-        provenance=_provenance(*come_from),
+        provenance=_compare_provenance(*come_from),
     )
 
 
@@ -144,21 +146,21 @@ def describe(feature: Feature) -> str:
     return f"{feature.dtype} [{units}] {', '.join(feature.names)}"
 
 
-def _comparable(a: Feature, b: Feature) -> bool:
+def _is_comparable(a: Feature, b: Feature) -> bool:
     """Whether values of two features can be subtracted; a missing unit is no other unit."""
     return a.names == b.names and a.dtype == b.dtype and (not a.units or not b.units or a.units == b.units)
 
 
-def _joints(dataset: Dataset) -> tuple[str, ...]:
+def _list_joints(dataset: Dataset) -> tuple[str, ...]:
     return dataset.joints if STATE in dataset.features else ()
 
 
-def _exclusive(a: tuple[str, ...], b: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _find_exclusive_items(a: tuple[str, ...], b: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the items that only the first has, and those that only the second has."""
     return tuple(item for item in a if item not in b), tuple(item for item in b if item not in a)
 
 
-def _left(
+def _find_unpaired_episodes(
     a: Sequence[int], b: Sequence[int], pairs: Sequence[tuple[int, int]]
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Return the episodes of each side that are in no pair."""
@@ -168,11 +170,11 @@ def _left(
 
 def _change(a: Dataset, b: Dataset, key: str, pairs: Sequence[tuple[int, int]]) -> Change | None:
     """Return how one feature differs over pairs of episodes of equal length; None if all bits agree."""
-    columns = [stored_column(dataset, key) for dataset in (a, b)]
+    columns = [convert_column(dataset, key) for dataset in (a, b)]
     frames, worst = 0, None
     for pair in pairs:
         one, other = (column[d.episode(i)] for column, d, i in zip(columns, (a, b), pair, strict=True))
-        unequal = _bits(one) != _bits(other)
+        unequal = _view_bytes(one) != _view_bytes(other)
         if not unequal.any():
             continue
         frames += int(unequal.any(axis=1).sum())
@@ -187,19 +189,19 @@ def _change(a: Dataset, b: Dataset, key: str, pairs: Sequence[tuple[int, int]]) 
     return Change(worst[0], unit, feature.names[worst[1]], worst[2], worst[3], frames)
 
 
-def _bits(values: np.ndarray) -> np.ndarray:
+def _view_bytes(values: np.ndarray) -> np.ndarray:
     """Return the bytes of each row, so that even zeros of different sign differ."""
     return np.ascontiguousarray(values).view(np.uint8).reshape(len(values), -1)
 
 
-def _provenance(a: Provenance | None, b: Provenance | None) -> dict[str, tuple[object, object]]:
+def _compare_provenance(a: Provenance | None, b: Provenance | None) -> dict[str, tuple[object, object]]:
     """Return the entries of the provenance that differ; None for one that has none."""
-    found = [dict(_entries(item)) for item in (a, b)]
+    found = [dict(_list_entries(item)) for item in (a, b)]
     keys = dict.fromkeys([*found[0], *found[1]])
     return {key: (found[0].get(key), found[1].get(key)) for key in keys if found[0].get(key) != found[1].get(key)}
 
 
-def _entries(provenance: Provenance | None) -> Iterator[tuple[str, object]]:
+def _list_entries(provenance: Provenance | None) -> Iterator[tuple[str, object]]:
     """Yield the entries to compare; mappings are expanded to keys such as `source.effects`."""
     stored = provenance.to_json() if provenance else {}
     for key in COMPARED:

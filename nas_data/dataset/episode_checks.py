@@ -43,14 +43,16 @@ def find_untrusted(
         features: Features of the dataset.
         known: The readable entries of `meta/episodes`.
     """
-    return dict([*_wrong_values(found, known), *_wrong_rows(found, features), *_wrong_length(found, known)])
+    return dict(
+        [*_find_wrong_values(found, known), *_find_wrong_rows(found, features), *_find_wrong_lengths(found, known)]
+    )
 
 
 def read_episode_table(root: Path, features: Mapping[str, Feature]) -> dict[int, EpisodeEntry]:
     """Return the readable entries of `meta/episodes`, by episode."""
     checked = [f"{key}/{name}" for key in features for name in CHECKED]
     found = {}
-    for path in layout.episode_files(root):
+    for path in layout.list_episode_files(root):
         try:
             rows = read_parquet(path).to_pylist()
         except (DatasetInvalid, UnicodeDecodeError):
@@ -68,7 +70,7 @@ def read_episode_table(root: Path, features: Mapping[str, Feature]) -> dict[int,
     return found
 
 
-def _wrong_rows(found: Salvage, features: Mapping[str, Feature]) -> Iterator[tuple[int, str]]:
+def _find_wrong_rows(found: Salvage, features: Mapping[str, Feature]) -> Iterator[tuple[int, str]]:
     """Find episodes with missing or repeated frames, or with values that are not finite."""
     episode_of = found.row_episodes()
     starts = np.cumsum(found.lengths) - found.lengths
@@ -84,14 +86,14 @@ def _wrong_rows(found: Salvage, features: Mapping[str, Feature]) -> Iterator[tup
                 yield episode, f"has values of '{key}' that are not finite"
 
 
-def _wrong_length(found: Salvage, known: Mapping[int, EpisodeEntry]) -> Iterator[tuple[int, str]]:
+def _find_wrong_lengths(found: Salvage, known: Mapping[int, EpisodeEntry]) -> Iterator[tuple[int, str]]:
     """Find episodes whose number of frames differs from `meta/episodes`."""
     for episode, length in zip(found.episodes.tolist(), found.lengths.tolist(), strict=True):
         if episode in known and known[episode].length != length:
             yield episode, f"has {count_of(length, 'frame')}, meta/episodes promises {known[episode].length}"
 
 
-def _wrong_values(found: Salvage, known: Mapping[int, EpisodeEntry]) -> Iterator[tuple[int, str]]:
+def _find_wrong_values(found: Salvage, known: Mapping[int, EpisodeEntry]) -> Iterator[tuple[int, str]]:
     """Find episodes whose values contradict the statistics in `meta/episodes`."""
     starts = np.cumsum(found.lengths) - found.lengths
     for key, column in found.columns.items():
@@ -104,11 +106,11 @@ def _wrong_values(found: Salvage, known: Mapping[int, EpisodeEntry]) -> Iterator
             "mean": np.add.reduceat(exact, starts) / found.lengths[:, None],
         }
         for row, episode in enumerate(found.episodes.tolist()):
-            if episode in known and not _agree(key, known[episode].statistics, measured, row):
+            if episode in known and not _is_consistent(key, known[episode].statistics, measured, row):
                 yield episode, f"has other values of '{key}' than when its statistics were made"
 
 
-def _agree(key: str, recorded: Mapping[str, np.ndarray], measured: Mapping[str, np.ndarray], row: int) -> bool:
+def _is_consistent(key: str, recorded: Mapping[str, np.ndarray], measured: Mapping[str, np.ndarray], row: int) -> bool:
     """Whether the recorded statistics of a feature in an episode agree with the measured ones."""
     scale = np.maximum(np.abs(measured["min"][row]), np.abs(measured["max"][row]))
     for name, values in measured.items():

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nas_data.joint_units import unit_at
+from nas_data.joint_units import convert_hinge_unit
 
 STATE = "observation.state"
 ACTION = "action"
@@ -70,7 +70,7 @@ class Feature:
         return cls(names=tuple(str(name) for name in names), units=units, dtype=str(info["dtype"]))
 
 
-def joint_feature(joints: Sequence[str], suffixes: Sequence[str], slides: Collection[str] = ()) -> Feature:
+def make_joint_feature(joints: Sequence[str], suffixes: Sequence[str], slides: Collection[str] = ()) -> Feature:
     """Return a feature with one component a joint for each suffix, in the contract's units.
 
     Args:
@@ -81,35 +81,35 @@ def joint_feature(joints: Sequence[str], suffixes: Sequence[str], slides: Collec
     parts = [(joint, suffix) for suffix in suffixes for joint in joints]
     return Feature(
         names=tuple(joint + suffix for joint, suffix in parts),
-        units=tuple(unit_at(UNITS[suffix], joint in slides) for joint, suffix in parts),
+        units=tuple(convert_hinge_unit(UNITS[suffix], joint in slides) for joint, suffix in parts),
     )
 
 
-def state_feature(joints: Sequence[str], slides: Collection[str] = ()) -> Feature:
+def make_state_feature(joints: Sequence[str], slides: Collection[str] = ()) -> Feature:
     """Positions [rad; m] then velocities [rad/s; m/s] of the joints."""
-    return joint_feature(joints, (POSITION, VELOCITY), slides)
+    return make_joint_feature(joints, (POSITION, VELOCITY), slides)
 
 
-def position_feature(joints: Sequence[str], slides: Collection[str] = ()) -> Feature:
+def make_position_feature(joints: Sequence[str], slides: Collection[str] = ()) -> Feature:
     """Commanded or measured positions [rad; m] of the joints."""
-    return joint_feature(joints, (POSITION,), slides)
+    return make_joint_feature(joints, (POSITION,), slides)
 
 
-def effort_feature(joints: Sequence[str], slides: Collection[str] = ()) -> Feature:
+def make_effort_feature(joints: Sequence[str], slides: Collection[str] = ()) -> Feature:
     """Commanded torques [N·m] and forces [N] of the joints."""
-    return joint_feature(joints, (EFFORT,), slides)
+    return make_joint_feature(joints, (EFFORT,), slides)
 
 
-def action_feature(joints: Sequence[str], kinds: Sequence[str], slides: Collection[str] = ()) -> Feature:
+def make_action_feature(joints: Sequence[str], kinds: Sequence[str], slides: Collection[str] = ()) -> Feature:
     """What each joint is asked for: a position, a velocity or a torque, by its kind (`.pos`, `.vel`, `.effort`)."""
     parts = list(zip(joints, kinds, strict=True))
     return Feature(
         names=tuple(joint + kind for joint, kind in parts),
-        units=tuple(unit_at(UNITS[kind], joint in slides) for joint, kind in parts),
+        units=tuple(convert_hinge_unit(UNITS[kind], joint in slides) for joint, kind in parts),
     )
 
 
-def time_feature() -> Feature:
+def make_time_feature() -> Feature:
     """Seconds since the episode's start by the recorder's clock; float64, which holds microseconds for years."""
     return Feature(names=("time",), units=("s",), dtype="float64")
 
@@ -119,6 +119,6 @@ def flag_feature(key: str) -> Feature:
     return Feature(names=(key,), dtype="bool")
 
 
-def reward_feature() -> Feature:
+def make_reward_feature() -> Feature:
     """The reward of the step from a frame to the next, in the task's own units."""
     return Feature(names=(REWARD,))

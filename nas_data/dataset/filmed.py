@@ -42,7 +42,7 @@ class FilmedSource(CarriedSource):
             int(episode): {"length": int(length)} for episode, length in zip(episodes, lengths, strict=True)
         }
         template = str(info.get("video_path") or VIDEO_PATH)
-        for key in layout.other_features(info):
+        for key in layout.describe_other_features(info):
             columns = VideoPlace.columns(key)
             for episode, place in enumerate(locate_episodes(root, key, template, lengths.tolist(), fps)):
                 entries[episode] |= {column: getattr(place, name) for name, column in columns.items()}
@@ -71,7 +71,7 @@ def locate_episodes(root: Path, key: str, template: str, lengths: Sequence[int],
         place = VideoPlace(chunk, file, begin / fps, (begin + length) / fps)
         path = root / place.path(key, template)
         if count < 0:
-            count = frames_of(path)
+            count = count_frames(path)
         if begin + length > count:
             raise DatasetInvalid(
                 f"{path.relative_to(root)} has {count_of(count, 'picture')}, so that those of episode {episode} are "
@@ -81,7 +81,7 @@ def locate_episodes(root: Path, key: str, template: str, lengths: Sequence[int],
         begin += length
 
 
-def frames_of(path: Path) -> int:
+def count_frames(path: Path) -> int:
     """Return the number of frames in a video file.
 
     Raises:

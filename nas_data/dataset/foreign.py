@@ -47,7 +47,7 @@ def take_in(root: Path, recorded: Dataset) -> tuple[Dataset, dict[str, str], tup
         return dataset, derived, ()
     findings = audit_dataset(dataset)
     refuse(root, findings, recorded)
-    return dataset, derived, warnings_of(findings)
+    return dataset, derived, format_warnings(findings)
 
 
 def is_ours(provenance: Provenance | None) -> bool:
@@ -95,7 +95,7 @@ def map_for(robot_type: str) -> str | None:
     return next((name for name in names if robot_type.startswith(name.removesuffix(LEROBOT))), None)
 
 
-def warnings_of(findings: Sequence[AuditFinding]) -> tuple[str, ...]:
+def format_warnings(findings: Sequence[AuditFinding]) -> tuple[str, ...]:
     """Return a sentence for each kind of finding, with its count."""
     kinds: dict[str, list[AuditFinding]] = {}
     for finding in findings:

@@ -13,21 +13,21 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.dataset import layout
-from nas_data.dataset.content import stored_column
+from nas_data.dataset.content import convert_column
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.provenance import Provenance
 from nas_data.dataset.read import read_tasks
 from nas_data.dataset.staging import flush_folder, refuse_existing, write_synced
-from nas_data.dataset.statistics import statistics
+from nas_data.dataset.statistics import compute_statistics
 from nas_data.dataset.write import (
-    automatic_columns,
-    data_file,
-    episode_table,
+    encode_json,
+    encode_parquet,
     fill,
-    info_of,
-    json_bytes,
-    numbers,
-    parquet,
+    make_automatic_columns,
+    make_data_file,
+    make_episode_table,
+    make_info,
+    make_number_array,
 )
 from nas_data.errors import DatasetInvalid
 
@@ -50,14 +50,14 @@ class IncrementalWriter:
         self.root = root
         if not root.is_symlink():
             refuse_existing(root)
-        for folder in self._generations():
+        for folder in self._list_generations():
             if not root.is_symlink() or folder.resolve() != root.resolve():
                 shutil.rmtree(folder)
 
     @property
     def episodes(self) -> int:
         """Number of saved episodes."""
-        return layout.total(layout.read_info(self.root), "total_episodes") if self.root.is_symlink() else 0
+        return layout.read_total(layout.read_info(self.root), "total_episodes") if self.root.is_symlink() else 0
 
     def append(self, episodes: Dataset, provenance: Provenance, attachments: dict[str, bytes] | None = None) -> None:
         """Save episodes atomically and flush them to the disk.
@@ -69,7 +69,7 @@ class IncrementalWriter:
         """
         number = self.episodes
         self.root.parent.mkdir(parents=True, exist_ok=True)
-        folder = self._generation(number + episodes.n_episodes)
+        folder = self._make_generation_path(number + episodes.n_episodes)
         shutil.rmtree(folder, ignore_errors=True)
         if number:
             self._extend(folder, episodes, provenance)
@@ -80,53 +80,57 @@ class IncrementalWriter:
             flush_folder(path)
         self._turn_to(folder)
         if number:
-            shutil.rmtree(self._generation(number), ignore_errors=True)
+            shutil.rmtree(self._make_generation_path(number), ignore_errors=True)
 
     def remove(self) -> None:
         """Delete the recording, after it was saved as a dataset."""
         self.root.unlink(missing_ok=True)
-        for folder in self._generations():
+        for folder in self._list_generations():
             shutil.rmtree(folder)
 
     def _extend(self, folder: Path, episodes: Dataset, provenance: Provenance) -> None:
         """Create a folder of the old files and the new episodes."""
         info = layout.read_info(self.root)
-        number, rows = layout.total(info, "total_episodes"), layout.total(info, "total_frames")
-        features, tasks = layout.vector_features(info), list(read_tasks(self.root).values())
+        number, rows = layout.read_total(info, "total_episodes"), layout.read_total(info, "total_frames")
+        features, tasks = layout.select_vector_features(info), list(read_tasks(self.root).values())
         if features != dict(episodes.features) or [*dict.fromkeys(episodes.tasks)] != tasks:
             raise DatasetInvalid(
                 f"{self.root} has other features or another task than the episode to be added; choose another name."
             )
         _link(self.root.resolve(), folder)
-        columns = {key: stored_column(episodes, key) for key in episodes.features}
-        columns |= automatic_columns(episodes, tasks)
+        columns = {key: convert_column(episodes, key) for key in episodes.features}
+        columns |= make_automatic_columns(episodes, tasks)
         columns["episode_index"] = columns["episode_index"] + number
         columns["index"] = columns["index"] + rows
-        content = data_file(columns, episodes, range(episodes.n_episodes))
-        write_synced(folder / layout.numbered_path(layout.DATA_TEMPLATE, number), content)
+        content = make_data_file(columns, episodes, range(episodes.n_episodes))
+        write_synced(folder / layout.make_numbered_path(layout.DATA_TEMPLATE, number), content)
         write_synced(
-            folder / layout.numbered_path(layout.EPISODES_TEMPLATE, number),
-            self._entries(episodes, columns, number, rows),
+            folder / layout.make_numbered_path(layout.EPISODES_TEMPLATE, number),
+            self._make_episode_file(episodes, columns, number, rows),
         )
-        whole = info_of(episodes, layout.total(info, "total_tasks"))
+        whole = make_info(episodes, layout.read_total(info, "total_tasks"))
         count = number + episodes.n_episodes
         whole |= {"total_episodes": count, "total_frames": rows + episodes.n_frames, "splits": {"train": f"0:{count}"}}
-        write_synced(folder / layout.INFO, json_bytes(whole))
-        write_synced(folder / layout.PROVENANCE, json_bytes(replace(provenance, files={}).to_json()))
+        write_synced(folder / layout.INFO, encode_json(whole))
+        write_synced(folder / layout.PROVENANCE, encode_json(replace(provenance, files={}).to_json()))
 
-    def _entries(self, episodes: Dataset, columns: dict[str, np.ndarray], number: int, rows: int) -> memoryview:
+    def _make_episode_file(
+        self, episodes: Dataset, columns: dict[str, np.ndarray], number: int, rows: int
+    ) -> memoryview:
         """Return the new file of the episode table."""
-        table = episode_table(episodes, [range(episodes.n_episodes)], statistics(columns, episodes.lengths))
+        table = make_episode_table(
+            episodes, [range(episodes.n_episodes)], compute_statistics(columns, episodes.lengths)
+        )
         chunk, file = (np.full(episodes.n_episodes, part) for part in divmod(number, layout.FILES_PER_CHUNK))
         first = rows + episodes.starts
         places: dict[str, np.ndarray] = {"data/chunk_index": chunk, "data/file_index": file}
         places["episode_index"] = number + np.arange(episodes.n_episodes)
         places |= {"dataset_from_index": first, "dataset_to_index": first + episodes.lengths}
         for key, values in places.items():
-            table = table.set_column(table.column_names.index(key), key, numbers(values))
+            table = table.set_column(table.column_names.index(key), key, make_number_array(values))
         for key, values in {"meta/episodes/chunk_index": chunk, "meta/episodes/file_index": file}.items():
-            table = table.append_column(key, numbers(values))
-        return parquet(table)
+            table = table.append_column(key, make_number_array(values))
+        return encode_parquet(table)
 
     def _turn_to(self, folder: Path) -> None:
         """Redirect the link to another folder atomically."""
@@ -136,10 +140,10 @@ class IncrementalWriter:
         link.rename(self.root)
         flush_folder(self.root.parent)
 
-    def _generation(self, episodes: int) -> Path:
+    def _make_generation_path(self, episodes: int) -> Path:
         return self.root.with_name(f".{self.root.name}-{episodes:06d}")
 
-    def _generations(self) -> list[Path]:
+    def _list_generations(self) -> list[Path]:
         return sorted(self.root.parent.glob(f".{self.root.name}-[0-9]*"))
 
 

@@ -106,7 +106,7 @@ def find_slides(feature: Feature, components: Components) -> frozenset[str]:
     return frozenset(joint for joint, index in places if feature.units[index] in LINEAR[POSITION])
 
 
-def matching_joints(state: Components, action: Components) -> tuple[str, ...]:
+def match_joints(state: Components, action: Components) -> tuple[str, ...]:
     """Return the joints in the state's order.
 
     Raises:
@@ -116,12 +116,12 @@ def matching_joints(state: Components, action: Components) -> tuple[str, ...]:
     commanded = action.commanded()
     if not joints or set(commanded) != set(joints) or (state.velocities and set(state.velocities) != set(joints)):
         raise JointMismatch(
-            f"'{STATE}' has positions of {_listed(state.positions)}"
-            + (f" and velocities of {_listed(state.velocities)}" if state.velocities else "")
-            + f", '{ACTION}' commands {_listed(commanded)}; they must name the same joints."
+            f"'{STATE}' has positions of {_join_names(state.positions)}"
+            + (f" and velocities of {_join_names(state.velocities)}" if state.velocities else "")
+            + f", '{ACTION}' commands {_join_names(commanded)}; they must name the same joints."
         )
     return joints
 
 
-def _listed(names: Iterable[str]) -> str:
+def _join_names(names: Iterable[str]) -> str:
     return ", ".join(names) or "no joint"

@@ -8,7 +8,7 @@ from pathlib import Path
 from nas_data.dataset.descriptions import kind_of
 from nas_data.dataset.features import Feature
 from nas_data.errors import DatasetInvalid, DatasetNotFound
-from nas_data.visible_files import visible
+from nas_data.visible_files import list_visible_files
 
 CODEBASE_VERSION = "v3.0"
 CONVERTER = "convert_dataset_v21_to_v30"
@@ -38,19 +38,19 @@ NUMERIC = {"bool", "float16", "float32", "float64"} | {
 }
 
 
-def numbered_path(template: str, number: int) -> str:
+def make_numbered_path(template: str, number: int) -> str:
     """Return the path of the file with a running number; a chunk has 1000 files."""
     return template.format(chunk_index=number // FILES_PER_CHUNK, file_index=number % FILES_PER_CHUNK)
 
 
-def data_files(root: Path) -> list[Path]:
+def list_data_files(root: Path) -> list[Path]:
     """Return the data files in LeRobot's row order: sorted by path."""
-    return visible(root / "data", "*/*.parquet")
+    return list_visible_files(root / "data", "*/*.parquet")
 
 
-def episode_files(root: Path) -> list[Path]:
+def list_episode_files(root: Path) -> list[Path]:
     """Return the files of the episode table in order."""
-    return visible(root / "meta" / "episodes", "*/*.parquet")
+    return list_visible_files(root / "meta" / "episodes", "*/*.parquet")
 
 
 def read_json(path: Path) -> dict[str, object]:
@@ -84,14 +84,15 @@ def read_info(root: Path) -> dict[str, object]:
         older = "" if version == "v2.1" else ", after LeRobot 0.3's convert_dataset_v20_to_v21 made it a v2.1"
         raise DatasetInvalid(
             f"{root / INFO} says codebase_version {version}; v3.0 is needed: convert it{older} with "
-            f"'python -m {converter()} --repo-id=. --root={root} --push-to-hub=false', which keeps it as {root}_old."
+            f"'python -m {find_converter()} --repo-id=. --root={root} --push-to-hub=false', which keeps it as "
+            f"{root}_old."
         )
     if not isinstance(info.get("features"), dict) or not _is_rate(info.get("fps")):
         raise DatasetInvalid(f"{root / INFO} lacks features or a positive fps; restore it from a copy.")
     return info
 
 
-def converter() -> str:
+def find_converter() -> str:
     """Return the module of the installed LeRobot that converts v2.1 to v3.0; it differs between 0.4 and 0.6."""
     lerobot = importlib.util.find_spec("lerobot")
     places = (lerobot and lerobot.submodule_search_locations) or []
@@ -103,26 +104,30 @@ def _is_rate(value: object) -> bool:
     return isinstance(value, int | float) and value > 0
 
 
-def described(info: Mapping[str, object]) -> dict[str, Mapping[str, object]]:
+def read_feature_entries(info: Mapping[str, object]) -> dict[str, Mapping[str, object]]:
     """Return LeRobot's description of each feature."""
     features = info["features"]
     assert isinstance(features, Mapping)
     return {str(key): value for key, value in features.items() if isinstance(value, Mapping)}
 
 
-def vector_features(info: Mapping[str, object]) -> dict[str, Feature]:
+def select_vector_features(info: Mapping[str, object]) -> dict[str, Feature]:
     """Return the features that a dataset in memory holds: numeric vectors that are not automatic columns."""
     return {
         key: Feature.from_info(key, entry)
-        for key, entry in described(info).items()
+        for key, entry in read_feature_entries(info).items()
         if key not in AUTOMATIC and _is_vector(entry)
     }
 
 
-def other_features(info: Mapping[str, object]) -> dict[str, str]:
+def describe_other_features(info: Mapping[str, object]) -> dict[str, str]:
     """Return the features that are not vectors of numbers (images, videos, strings, matrices) with their type."""
-    kept = vector_features(info)
-    return {key: kind_of(entry) for key, entry in described(info).items() if key not in AUTOMATIC and key not in kept}
+    kept = select_vector_features(info)
+    return {
+        key: kind_of(entry)
+        for key, entry in read_feature_entries(info).items()
+        if key not in AUTOMATIC and key not in kept
+    }
 
 
 def tools(info: Mapping[str, object]) -> list[object]:
@@ -136,7 +141,7 @@ def _is_vector(entry: Mapping[str, object]) -> bool:
     return str(entry.get("dtype")) in NUMERIC and isinstance(shape, list) and len(shape) <= 1
 
 
-def total(info: Mapping[str, object], key: str) -> int:
+def read_total(info: Mapping[str, object], key: str) -> int:
     """Return one of the totals of `meta/info.json`, or -1 if it is missing."""
     value = info.get(key)
     return value if isinstance(value, int) else -1

@@ -9,9 +9,9 @@ from nas_data.arrays import Array
 from nas_data.count_of import count_of
 from nas_data.dataset import layout
 from nas_data.dataset.carried import Carried, shared_features
-from nas_data.dataset.content import episode_hashes
+from nas_data.dataset.content import hash_episodes
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.derive_provenance import Derived, Original, common, inherit
+from nas_data.dataset.derive_provenance import Derived, Original, find_common_value, inherit
 from nas_data.dataset.descriptions import difference, kind_of
 from nas_data.dataset.features import SIM_STATE, STATE, Feature
 from nas_data.errors import DatasetInvalid, JointMismatch
@@ -77,19 +77,19 @@ def merge_frame_tasks(datasets: Sequence[Dataset]) -> Array | None:
     return np.concatenate([dataset.task_of_frame for dataset in datasets])
 
 
-def remarks(originals: Sequence[Original]) -> Iterator[str]:
+def list_merge_warnings(originals: Sequence[Original]) -> Iterator[str]:
     """Yield warnings about a merge, one sentence each."""
     for original in originals:
         yield from original.remarks()
     kept = originals[0].dataset.features
     if (
         SIM_STATE in kept
-        and common([original.provenance and original.provenance.source for original in originals]) is None
+        and find_common_value([original.provenance and original.provenance.source for original in originals]) is None
     ):
         yield f"'{SIM_STATE}' comes from no single known source: pair the merged dataset again (nas pair)."
     if len({original.attachments.get(layout.SUBTASKS) for original in originals}) > 1:
         yield f"{layout.SUBTASKS} is left out, because it is not the same in all; 'subtask_index' keeps its numbers."
-    hashes = [found for original in originals for found in episode_hashes(original.dataset, sorted(kept))]
+    hashes = [found for original in originals for found in hash_episodes(original.dataset, sorted(kept))]
     repeated = len(hashes) - len(set(hashes))
     if repeated:
         yield f"It holds {count_of(repeated, 'episode')} more than once: a split of it may hold one on both sides."
@@ -154,18 +154,19 @@ def _check_features(a: Original, b: Original) -> None:
         other = b.dataset.features[key]
         if feature != other:
             raise DatasetInvalid(
-                f"'{key}' {_contrast(feature, other, a.root, b.root)}; record or import both alike to merge them."
+                f"'{key}' {_describe_difference(feature, other, a.root, b.root)}; record or import both alike to merge "
+                "them."
             )
 
 
-def _contrast(a: Feature, b: Feature, where_a: Path, where_b: Path) -> str:
+def _describe_difference(a: Feature, b: Feature, where_a: Path, where_b: Path) -> str:
     """Return a phrase on how two features of one key differ."""
     for what in ("names", "units", "dtype"):
         here, there = getattr(a, what), getattr(b, what)
         if here != there:
-            return f"has {what} {_listed(here)} in {where_a} and {_listed(there)} in {where_b}"
+            return f"has {what} {_format_names(here)} in {where_a} and {_format_names(there)} in {where_b}"
     raise AssertionError("the features are equal")
 
 
-def _listed(value: str | tuple[str, ...]) -> str:
+def _format_names(value: str | tuple[str, ...]) -> str:
     return value if isinstance(value, str) else ", ".join(dict.fromkeys(value)) or "not stored"

@@ -16,7 +16,7 @@ ENOUGH = 10  # different repeated readings from which a quantum can be told
 MULTIPLES = 1e-3  # how near readings must lie to multiples of a quantum, as a share of it
 
 
-def noise_of_differences(readings: Sequence[np.ndarray], order: int, step: float = 0.0) -> float:
+def estimate_noise(readings: Sequence[np.ndarray], order: int, step: float = 0.0) -> float:
     """Return the standard deviation of the white noise that explains the differences of a given order [rad].
 
     Quantised readings count only during motion, if there is any, because rounding hides the noise of a joint at rest.
@@ -57,18 +57,18 @@ def median(sizes: np.ndarray, step: float) -> float:
     return float(edges[index - 1] + (0.5 - low) / (high - low) * (edges[index] - edges[index - 1]))
 
 
-def resolution(readings: Sequence[np.ndarray]) -> float:
+def estimate_resolution(readings: Sequence[np.ndarray]) -> float:
     """Return the quantisation step of readings [rad], 0 if there is none.
 
     Resampled logs hold interpolated values; only repeated values are certain to be the sensor's own. If these are too
     few to show a step, all readings are used.
     """
     plateaus = np.concatenate([row[1:][np.diff(row) == 0] for row in readings])
-    step = quantum(plateaus) if len(np.unique(plateaus)) >= ENOUGH else 0.0
-    return step or quantum(np.concatenate(readings))
+    step = find_quantisation_step(plateaus) if len(np.unique(plateaus)) >= ENOUGH else 0.0
+    return step or find_quantisation_step(np.concatenate(readings))
 
 
-def quantum(readings: np.ndarray) -> float:
+def find_quantisation_step(readings: np.ndarray) -> float:
     """Return the largest clear step that all readings are multiples of [rad]; 0 if there is none."""
     values = np.unique(readings)
     if len(values) < 3:

@@ -16,9 +16,9 @@ from nas_data.dataset import versions
 from nas_data.dataset.audits import audit
 from nas_data.dataset.audits.base import Expected
 from nas_data.dataset.checks import check_finite
-from nas_data.dataset.content import content_hash
+from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.derive_provenance import attachments, unknown_provenance
+from nas_data.dataset.derive_provenance import make_unknown_provenance, read_attachments
 from nas_data.dataset.features import (
     ACTION,
     EFFORT,
@@ -27,19 +27,19 @@ from nas_data.dataset.features import (
     TIME,
     VELOCITY,
     Feature,
-    action_feature,
-    position_feature,
-    state_feature,
-    time_feature,
+    make_action_feature,
+    make_position_feature,
+    make_state_feature,
+    make_time_feature,
 )
-from nas_data.dataset.foreign import take_in, warn, warnings_of
+from nas_data.dataset.foreign import format_warnings, take_in, warn
 from nas_data.dataset.joints import REMEDY
 from nas_data.dataset.layout import PROVENANCE
-from nas_data.dataset.provenance import Parent, Provenance, now, package_versions, read_provenance
+from nas_data.dataset.provenance import Parent, Provenance, format_current_time, read_package_versions, read_provenance
 from nas_data.dataset.read import read
-from nas_data.dataset.recording import recordings
+from nas_data.dataset.recording import extract_recordings
 from nas_data.dataset.transitions import as_transitions
-from nas_data.dataset.write import json_bytes
+from nas_data.dataset.write import encode_json
 from nas_data.errors import DatasetInvalid, JointMismatch, OptionError
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ class Origin:
         """Parents for the provenance of a dataset made from it."""
         if self.root is None or self.recorded is None:
             return self.provenance.parents
-        return (versions.parent_of(self.root, self.recorded),)
+        return (versions.make_parent(self.root, self.recorded),)
 
 
 def load(path: Path, episodes: Sequence[int] = ()) -> Dataset:
@@ -92,8 +92,8 @@ def load(path: Path, episodes: Sequence[int] = ()) -> Dataset:
     dataset, derived, noticed = take_in(root, recorded.select(episodes) if episodes else recorded)
     warn(noticed)
     before = read_provenance(root)
-    kept = attachments(root, before)
-    before = before or unknown_provenance(recorded)
+    kept = read_attachments(root, before)
+    before = before or make_unknown_provenance(recorded)
     provenance = replace(before, derived={**before.derived, **derived})
     return replace(dataset, origin=Origin(dataset, provenance, derived, root, recorded, kept, noticed))
 
@@ -114,20 +114,20 @@ def with_origin(dataset: Dataset) -> Dataset:
     return replace(complete, origin=Origin(complete, provenance, derived))
 
 
-def identity_of(dataset: Dataset) -> Parent:
+def find_identity(dataset: Dataset) -> Parent:
     """Return the name and content hash by which checkpoints and derived datasets refer to it."""
     origin = dataset.origin
     if origin is not None and origin.root is not None and is_unchanged(dataset, origin):
         return origin.parents[0]
     named = origin.parents[0].name if origin and origin.parents else dataset.robot_type
-    return Parent(named, content_hash(dataset))
+    return Parent(named, hash_content(dataset))
 
 
 def is_unchanged(dataset: Dataset, origin: Origin) -> bool:
     """Whether a dataset still has the content that its origin describes."""
     if dataset.columns is origin.dataset.columns and dataset.features is origin.dataset.features:
         return True
-    return content_hash(dataset) == content_hash(origin.dataset)
+    return hash_content(dataset) == hash_content(origin.dataset)
 
 
 def describe(dataset: Dataset) -> tuple[Provenance, Mapping[str, bytes]]:
@@ -137,7 +137,12 @@ def describe(dataset: Dataset) -> tuple[Provenance, Mapping[str, bytes]]:
     if not is_unchanged(dataset, origin):
         provenance = origin.provenance
         notes = "\n".join(filter(None, [provenance.notes, EDITED]))
-        edited = {"how": "edited", "when": now(), "packages": dict(package_versions()), "notes": notes}
+        edited = {
+            "how": "edited",
+            "when": format_current_time(),
+            "packages": dict(read_package_versions()),
+            "notes": notes,
+        }
         return replace(provenance, **edited, parents=origin.parents), origin.attachments  # type: ignore[arg-type]
     if origin.derived and origin.root is not None:
         return replace(origin.provenance, parents=origin.parents), origin.attachments
@@ -149,7 +154,7 @@ def save(dataset: Dataset, path: Path) -> Path:
     if versions.VERSION.fullmatch(path.name):
         path = path.parent
     provenance, files = describe(dataset)
-    return versions.new_version(dataset, path.name, provenance, path.parent, files)
+    return versions.write_version(dataset, path.name, provenance, path.parent, files)
 
 
 @contextmanager
@@ -163,7 +168,7 @@ def kept_folders(dataset: Dataset) -> Iterator[list[Path]]:
         yield [origin.root]
         return
     with TemporaryDirectory() as folder:
-        files = {**origin.attachments, PROVENANCE: json_bytes(origin.provenance.to_json())}
+        files = {**origin.attachments, PROVENANCE: encode_json(origin.provenance.to_json())}
         for name, content in files.items():
             path = Path(folder, name)
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -171,7 +176,7 @@ def kept_folders(dataset: Dataset) -> Iterator[list[Path]]:
         yield [Path(folder)]
 
 
-def of_arrays(
+def make_from_arrays(
     positions: Episodes,
     commands: Episodes,
     rate: float,
@@ -194,21 +199,21 @@ def of_arrays(
         for part, rows in zip_alike(split_episodes(commands, n, "commands"), measured, "commands")
     ]
     columns = {STATE: measured, ACTION: asked}
-    features: dict[str, Feature] = {STATE: position_feature(joints, slides)}
-    features[ACTION] = action_feature(joints, [KINDS[each] for each in kinds], slides)
+    features: dict[str, Feature] = {STATE: make_position_feature(joints, slides)}
+    features[ACTION] = make_action_feature(joints, [KINDS[each] for each in kinds], slides)
     if velocities is not None:
         pairs = zip_alike(split_episodes(velocities, n, "velocities"), measured, "velocities")
         columns[STATE] = [
-            np.concatenate([rows, part], axis=1) for part, rows in pairs if same(part, rows, "velocities")
+            np.concatenate([rows, part], axis=1) for part, rows in pairs if check_same_length(part, rows, "velocities")
         ]
-        features[STATE] = state_feature(joints, slides)
+        features[STATE] = make_state_feature(joints, slides)
     if times is not None:
         clocks = [times] if np.ndim(times[0]) == 0 else list(times)
         pairs = zip_alike([np.reshape(np.asarray(part, float), (-1, 1)) for part in clocks], measured, "times")
-        columns[TIME] = [part - part[:1] for part, rows in pairs if same(part, rows, "times")]
-        features[TIME] = time_feature()
+        columns[TIME] = [part - part[:1] for part, rows in pairs if check_same_length(part, rows, "times")]
+        features[TIME] = make_time_feature()
     for part, rows in zip(asked, measured, strict=True):
-        same(part, rows, "commands")
+        check_same_length(part, rows, "commands")
     dataset = Dataset(
         features=features,
         columns={key: np.concatenate(parts).astype(features[key].dtype) for key, parts in columns.items()},
@@ -276,7 +281,7 @@ def zip_alike(parts: list[Array], measured: list[Array], what: str) -> list[tupl
     return list(zip(parts, measured, strict=True))
 
 
-def same(part: Array, rows: Array, what: str) -> bool:
+def check_same_length(part: Array, rows: Array, what: str) -> bool:
     """Check that an episode has as many rows of an argument as of positions.
 
     Raises:
@@ -299,12 +304,12 @@ def refuse(dataset: Dataset, turns: bool) -> None:
     """
     effort = not dataset.commands_positions
     expected = Expected(rate=dataset.fps, slides=dataset.slides, effort=effort, turns=turns)
-    findings = [finding for recording in recordings(dataset) for finding in audit(recording, expected)]
+    findings = [finding for recording in extract_recordings(dataset) for finding in audit(recording, expected)]
     error = next((finding for finding in findings if finding.error), None)
     if error is not None:
         remedy = REMEDIES.get(error.check, "correct the arrays")
         raise DatasetInvalid(f"The arrays: in {error.file} {error.what}; {remedy}.")
-    warn(warnings_of(findings))
+    warn(format_warnings(findings))
 
 
 def as_frame(dataset: Dataset) -> "pandas.DataFrame":

@@ -15,13 +15,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from nas_data.dataset.content import content_hash
+from nas_data.dataset.content import hash_content
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.staging import MARK, flush_folder, refuse_existing
-from nas_data.dataset.versions import VERSION, check_name, home_of, resolve
+from nas_data.dataset.versions import VERSION, check_name, find_home, resolve
 from nas_data.errors import DatasetInvalid, OptionError
-from nas_data.visible_files import visible
+from nas_data.visible_files import list_visible_files
 
 SUFFIX = ".nas.tar"
 MANIFEST = "nas-pack.json"
@@ -91,7 +91,7 @@ def pack(path: Path, out: Path | None = None) -> tuple[Path, Manifest]:
         OutputExists: the file exists.
     """
     root = resolve(path)
-    _, name = home_of(root)
+    _, name = find_home(root)
     version = VERSION.fullmatch(root.resolve().name)
     target = out or Path(f"{name}-{version.group(0)}{SUFFIX}" if version else f"{name}{SUFFIX}")
     refuse_existing(target)
@@ -100,7 +100,7 @@ def pack(path: Path, out: Path | None = None) -> tuple[Path, Manifest]:
     dataset = read(root)
     if dataset.carried is not None:
         dataset.carried.check(dataset.starts, dataset.lengths)
-    manifest = Manifest(name, int(version.group(1)) if version else 0, content_hash(dataset), hashes(root))
+    manifest = Manifest(name, int(version.group(1)) if version else 0, hash_content(dataset), hash_files(root))
     check_unchanged(root, manifest)
     hidden = target.parent / f".{target.name}{MARK}{secrets.token_hex(4)}"
     try:
@@ -114,14 +114,14 @@ def pack(path: Path, out: Path | None = None) -> tuple[Path, Manifest]:
     return target, manifest
 
 
-def hashes(root: Path) -> dict[str, str]:
+def hash_files(root: Path) -> dict[str, str]:
     """Return the SHA-256 of every file of a dataset by its path, without hidden files.
 
     Raises:
         DatasetInvalid: there is a link, which another machine could not follow.
     """
     found = {}
-    for path in visible(root, "**/*"):
+    for path in list_visible_files(root, "**/*"):
         name = path.relative_to(root)
         if path.is_symlink():
             raise DatasetInvalid(f"{path} is a link; a pack holds only files: put the file itself there.")

@@ -38,7 +38,7 @@ class ParquetPage:
     dictionary: bool
 
 
-def mend(content: bytes, template: bytes, widths: Sequence[int]) -> tuple[bytes, int]:
+def rebuild_footer(content: bytes, template: bytes, widths: Sequence[int]) -> tuple[bytes, int]:
     """Return the complete row groups of a Parquet file with a new footer.
 
     Args:
@@ -52,7 +52,7 @@ def mend(content: bytes, template: bytes, widths: Sequence[int]) -> tuple[bytes,
     Raises:
         ValueError: the template is not such a file.
     """
-    footer = _footer(template)
+    footer = _read_footer(template)
     groups = footer[ROW_GROUPS][1]
     if not isinstance(groups, Items) or not groups.values or not content.startswith(MAGIC):
         return content, 0
@@ -61,7 +61,7 @@ def mend(content: bytes, template: bytes, widths: Sequence[int]) -> tuple[bytes,
     pages = list(walk(content))
     made: list[Value] = []
     index, rows = 0, 0
-    while found := _row_group(pages, index, widths):
+    while found := _find_row_group(pages, index, widths):
         columns, length = found
         made.append(_describe(pattern, columns, length, len(made)))
         index, rows = index + sum(len(column) for column in columns), rows + length
@@ -76,10 +76,10 @@ def walk(content: bytes) -> Iterator[ParquetPage]:
     while offset < len(content):
         try:
             header, body = parse(content, offset)
-            kind, unpacked, packed = (_integer(header, key) for key in (1, 2, 3))
+            kind, unpacked, packed = (_read_integer(header, key) for key in (1, 2, 3))
             details = header[{DATA_PAGE: 5, DICTIONARY_PAGE: 7, DATA_PAGE_V2: 8}[kind]][1]
             assert isinstance(details, Struct)
-            values = _integer(details.fields, 1)
+            values = _read_integer(details.fields, 1)
         except (LookupError, ValueError, AssertionError):
             return
         stop = body + packed
@@ -90,7 +90,7 @@ def walk(content: bytes) -> Iterator[ParquetPage]:
         offset = stop
 
 
-def _row_group(
+def _find_row_group(
     pages: Sequence[ParquetPage], index: int, widths: Sequence[int]
 ) -> tuple[list[Sequence[ParquetPage]], int] | None:
     """Return the pages of each column of the row group that begins at page `index`, and its number of rows.
@@ -105,13 +105,15 @@ def _row_group(
         values += pages[index + count - 1].values
         if not values or values % widths[0]:
             continue
-        columns = _columns(pages, index, [values // widths[0] * width for width in widths])
+        columns = _split_columns(pages, index, [values // widths[0] * width for width in widths])
         if columns:
             return columns, values // widths[0]
     return None
 
 
-def _columns(pages: Sequence[ParquetPage], index: int, values: Sequence[int]) -> list[Sequence[ParquetPage]] | None:
+def _split_columns(
+    pages: Sequence[ParquetPage], index: int, values: Sequence[int]
+) -> list[Sequence[ParquetPage]] | None:
     """Return the pages of each column if they hold exactly the given numbers of values; else None."""
     columns = []
     for wanted in values:
@@ -131,12 +133,14 @@ def _describe(pattern: Struct, columns: Sequence[Sequence[ParquetPage]], rows: i
     """Return the directory entry of a row group, modelled on the template's."""
     chunks = pattern.fields[1][1]
     assert isinstance(chunks, Items)
-    described: list[Value] = [_chunk(chunk, pages) for chunk, pages in zip(chunks.values, columns, strict=True)]
+    described: list[Value] = [
+        _make_column_chunk(chunk, pages) for chunk, pages in zip(chunks.values, columns, strict=True)
+    ]
     unpacked = sum(page.unpacked for pages in columns for page in pages)
     return Struct({1: (LIST, Items(chunks.kind, described)), 2: (I64, unpacked), 3: (I64, rows)})
 
 
-def _chunk(pattern: Value, pages: Sequence[ParquetPage]) -> Struct:
+def _make_column_chunk(pattern: Value, pages: Sequence[ParquetPage]) -> Struct:
     """Return the directory entry of a column in a row group."""
     assert isinstance(pattern, Struct)
     kept = pattern.fields[3][1]
@@ -152,14 +156,14 @@ def _chunk(pattern: Value, pages: Sequence[ParquetPage]) -> Struct:
     return Struct({2: (I64, pages[-1].stop), 3: (pattern.fields[3][0], Struct(meta))})
 
 
-def _footer(content: bytes) -> Fields:
+def _read_footer(content: bytes) -> Fields:
     """Return the footer of a whole file."""
     if content[-4:] != MAGIC:
         raise ValueError("the template has no footer")
     return parse(content, len(content) - 8 - int.from_bytes(content[-8:-4], "little"))[0]
 
 
-def _integer(fields: Fields, key: int) -> int:
+def _read_integer(fields: Fields, key: int) -> int:
     value = fields[key][1]
     assert isinstance(value, int)
     return value

@@ -58,34 +58,34 @@ def serialize(struct: Struct) -> bytes:
             out.append((number - previous) << 4 | kind)
         else:
             out.append(kind)
-            out += _varint(_zigzag(number))
+            out += _encode_varint(_encode_zigzag(number))
         if kind not in (TRUE, FALSE):
-            out += _bytes(kind, value)
+            out += _encode_value(kind, value)
         previous = number
     out.append(0)
     return bytes(out)
 
 
-def _bytes(kind: int, value: Value) -> bytes:
+def _encode_value(kind: int, value: Value) -> bytes:
     """Return the bytes of a value that is no boolean field."""
     if isinstance(value, Struct):
         return serialize(value)
     if isinstance(value, Items):
         size = len(value.values)
-        head = bytes([size << 4 | value.kind]) if size < 15 else bytes([0xF0 | value.kind]) + _varint(size)
-        return head + b"".join(_bytes(value.kind, item) for item in value.values)
+        head = bytes([size << 4 | value.kind]) if size < 15 else bytes([0xF0 | value.kind]) + _encode_varint(size)
+        return head + b"".join(_encode_value(value.kind, item) for item in value.values)
     if isinstance(value, bytes):
-        return value if kind in (BYTE, DOUBLE) else _varint(len(value)) + value
+        return value if kind in (BYTE, DOUBLE) else _encode_varint(len(value)) + value
     if isinstance(value, bool):
         return bytes([TRUE if value else FALSE])  # in a list; a field's value is its type
-    return _varint(_zigzag(value))
+    return _encode_varint(_encode_zigzag(value))
 
 
-def _zigzag(number: int) -> int:
+def _encode_zigzag(number: int) -> int:
     return (number << 1) ^ (number >> 63)
 
 
-def _varint(number: int) -> bytes:
+def _encode_varint(number: int) -> bytes:
     out = bytearray()
     while number > 0x7F:
         out.append(number & 0x7F | 0x80)

@@ -17,12 +17,12 @@ PACKAGES = ("nas_data", "lerobot", "mujoco", "pybullet", "numpy", "pyarrow", "sc
 
 
 @cache
-def package_versions() -> dict[str, str]:
+def read_package_versions() -> dict[str, str]:
     """Return the versions of Python and of the installed packages that affect a dataset."""
-    return {"python": platform.python_version(), **installed_versions(PACKAGES)}
+    return {"python": platform.python_version(), **read_installed_versions(PACKAGES)}
 
 
-def installed_versions(names: Iterable[str]) -> dict[str, str]:
+def read_installed_versions(names: Iterable[str]) -> dict[str, str]:
     """Return the versions of those packages that are installed."""
     versions = {}
     for name in names:
@@ -33,7 +33,7 @@ def installed_versions(names: Iterable[str]) -> dict[str, str]:
     return versions
 
 
-def now() -> str:
+def format_current_time() -> str:
     """Return the present time, UTC, ISO 8601."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
@@ -76,12 +76,12 @@ class Provenance:
     schema: int = SCHEMA
     how: str
     robot: str = "unknown"
-    when: str = field(default_factory=now)
+    when: str = field(default_factory=format_current_time)
     source: Mapping[str, object] | None = None
     target: Mapping[str, object] | None = None
     signal: Mapping[str, object] | None = None
     seeds: tuple[int, ...] = ()
-    packages: Mapping[str, str] = field(default_factory=lambda: dict(package_versions()))
+    packages: Mapping[str, str] = field(default_factory=lambda: dict(read_package_versions()))
     parents: tuple[Parent, ...] = ()
     derived: Mapping[str, str] = field(default_factory=dict)
     contiguous: bool = False

@@ -11,7 +11,7 @@ from nas_data.dataset import layout
 from nas_data.dataset.carried import Carried
 from nas_data.dataset.checks import check_finite
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import TIME, Feature, time_feature
+from nas_data.dataset.features import TIME, Feature, make_time_feature
 from nas_data.dataset.parquet import open_parquet, read_parquet
 from nas_data.dataset.versions import resolve
 from nas_data.errors import DatasetInvalid
@@ -36,7 +36,7 @@ def read(path: Path) -> Dataset:
     """
     root = resolve(path)
     info = layout.read_info(root)
-    features = layout.vector_features(info)
+    features = layout.select_vector_features(info)
     rows = Rows.read(root, {**features, "episode_index": INDEX, "task_index": INDEX, "timestamp": STAMP})
     lengths = rows.sort(root)
     _check_totals(root, info, len(rows.columns["episode_index"]), len(lengths))
@@ -47,7 +47,7 @@ def read(path: Path) -> Dataset:
         lengths=lengths,
         fps=float(str(info["fps"])),
         robot_type=str(info.get("robot_type") or "unknown"),
-        tasks=episode_tasks(tasks, numbers, lengths),
+        tasks=find_episode_tasks(tasks, numbers, lengths),
         carried=Carried.of(root, int(lengths.sum())),
         frame_tasks=frame_tasks(tasks, numbers, lengths),
     )
@@ -68,7 +68,9 @@ def contradicts_rate(dataset: Dataset, stamps: np.ndarray) -> bool:
 def with_clock(dataset: Dataset, stamps: np.ndarray) -> Dataset:
     """Return a dataset with time stamps [s], shape (N, 1), as the recorder's clock."""
     exact = stamps.astype(np.float64)
-    return dataset.with_column(TIME, time_feature(), exact - np.repeat(exact[dataset.starts], dataset.lengths, axis=0))
+    return dataset.with_column(
+        TIME, make_time_feature(), exact - np.repeat(exact[dataset.starts], dataset.lengths, axis=0)
+    )
 
 
 def read_stamps(root: Path) -> np.ndarray:
@@ -95,7 +97,7 @@ class Rows:
         Raises:
             DatasetInvalid: a file is missing, half-written, or lacks a column.
         """
-        paths = list(only) or layout.data_files(root)
+        paths = list(only) or layout.list_data_files(root)
         if not paths:
             raise DatasetInvalid(f"{root} has no data files (data/*/*.parquet); restore them from a copy.")
         files = [(path, open_parquet(path)) for path in paths]
@@ -133,7 +135,7 @@ def _copy(column: pa.ChunkedArray, out: np.ndarray, where: str) -> None:
     """Copy an Arrow column of scalars or lists into an array of shape (N, width)."""
     row = 0
     for chunk in filter(len, column.chunks):
-        values = _items(chunk) if _is_list(chunk.type) else chunk
+        values = _flatten_lists(chunk) if _is_list(chunk.type) else chunk
         if not _is_number(values.type):
             raise DatasetInvalid(f"{where} holds {column.type}, not the numbers that {layout.INFO} promises.")
         if chunk.null_count or values.null_count or len(values) != len(chunk) * out.shape[1]:
@@ -142,7 +144,7 @@ def _copy(column: pa.ChunkedArray, out: np.ndarray, where: str) -> None:
         row += len(chunk)
 
 
-def _items(lists: pa.Array) -> pa.Array:
+def _flatten_lists(lists: pa.Array) -> pa.Array:
     """Return the concatenated items of lists; `flatten` would import Arrow's compute functions."""
     if not pa.types.is_fixed_size_list(lists.type):
         return lists.flatten()
@@ -169,7 +171,7 @@ def _is_list(kind: pa.DataType) -> bool:
 def _check_totals(root: Path, info: Mapping[str, object], frames: int, episodes: int) -> None:
     """Refuse a dataset whose numbers of rows or episodes differ from its metadata."""
     for key, held in (("total_frames", frames), ("total_episodes", episodes)):
-        promised = layout.total(info, key)
+        promised = layout.read_total(info, key)
         if promised != held:
             what = key.removeprefix("total_")
             raise DatasetInvalid(
@@ -197,7 +199,7 @@ def read_tasks(root: Path) -> dict[int, str]:
         raise DatasetInvalid(f"{path} has no tasks that can be read; restore it from a copy.") from None
 
 
-def episode_tasks(tasks: Mapping[int, str], task_index: np.ndarray, lengths: np.ndarray) -> tuple[str, ...]:
+def find_episode_tasks(tasks: Mapping[int, str], task_index: np.ndarray, lengths: np.ndarray) -> tuple[str, ...]:
     """Return the task of each episode; several in one episode are joined in alphabetical order.
 
     Args:

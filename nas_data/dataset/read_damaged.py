@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from nas_data.dataset import layout
 from nas_data.dataset.features import Feature
 from nas_data.dataset.parquet import UNREADABLE, open_parquet
-from nas_data.dataset.parquet_footer import mend
+from nas_data.dataset.parquet_footer import rebuild_footer
 from nas_data.dataset.provenance import Provenance
 from nas_data.dataset.read import Rows
 from nas_data.errors import DatasetInvalid
@@ -41,7 +41,7 @@ class Salvage:
         return np.repeat(np.arange(len(self.episodes)), self.lengths)
 
 
-def salvage(root: Path, info: Mapping[str, object], provenance: Provenance | None) -> Salvage:
+def read_damaged_files(root: Path, info: Mapping[str, object], provenance: Provenance | None) -> Salvage:
     """Read the readable part of every data file.
 
     Args:
@@ -49,10 +49,10 @@ def salvage(root: Path, info: Mapping[str, object], provenance: Provenance | Non
         info: Content of its `meta/info.json`, or that of a dataset with equal features.
         provenance: Content of its `meta/nas.json`.
     """
-    features = layout.vector_features(info)
+    features = layout.select_vector_features(info)
     wanted = {**features, **{key: Feature((key,), dtype=layout.AUTOMATIC[key]) for key in layout.AUTOMATIC}}
-    paths = layout.data_files(root)
-    reader = _Files(root, wanted, _template(info, paths), provenance)
+    paths = layout.list_data_files(root)
+    reader = _Files(root, wanted, _make_template(info, paths), provenance)
     parts = [rows for path in paths if (rows := reader.read(path))]
     empty = {key: np.empty((0, feature.width), feature.dtype) for key, feature in wanted.items()}
     columns = {key: np.concatenate([empty[key], *(part[key] for part in parts)]) for key in wanted}
@@ -85,12 +85,12 @@ class _Files:
         try:
             open_parquet(path)
         except DatasetInvalid:
-            return self._mended(name, content)
+            return self._read_without_footer(name, content)
         return self._rows(name, path)
 
-    def _mended(self, name: str, content: bytes) -> dict[str, np.ndarray] | None:
+    def _read_without_footer(self, name: str, content: bytes) -> dict[str, np.ndarray] | None:
         """Return the rows of a file without footer."""
-        whole, groups = mend(content, *self.template)
+        whole, groups = rebuild_footer(content, *self.template)
         if not groups:
             self.notes.append(f"{name} has no sound Parquet footer (its writer was killed?) and holds no whole episode")
             return None
@@ -110,7 +110,7 @@ class _Files:
             return Rows.read(self.root, self.features, [path]).columns
         except DatasetInvalid as error:
             reason = str(error).removeprefix(f"{path}")
-        groups = list(self._row_groups(path))
+        groups = list(self._read_row_groups(path))
         if not groups:
             self.notes.append(f"{name} cannot be read ({reason.strip(' ,').rstrip('.')})")
             return None
@@ -118,7 +118,7 @@ class _Files:
         self.notes.append(f"{name} is damaged: {len(groups)} of its {count} row groups can be read")
         return {key: np.concatenate([group[key] for group in groups]) for key in self.features}
 
-    def _row_groups(self, path: Path) -> Iterator[dict[str, np.ndarray]]:
+    def _read_row_groups(self, path: Path) -> Iterator[dict[str, np.ndarray]]:
         """Yield the readable row groups, each through a new file object."""
         file = pq.ParquetFile(path)
         with tempfile.TemporaryDirectory() as folder:
@@ -131,15 +131,15 @@ class _Files:
                     continue
 
 
-def _template(info: Mapping[str, object], files: Sequence[Path]) -> tuple[bytes, list[int]]:
+def _make_template(info: Mapping[str, object], files: Sequence[Path]) -> tuple[bytes, list[int]]:
     """Return a Parquet file of one row with LeRobot's columns, and the values per row of each leaf column.
 
     The column order is that of an undamaged file of the dataset, or else that of the feature descriptions.
     """
     types: dict[str, pa.DataType] = {}
     widths: list[int] = []
-    entries = layout.described(info)
-    order = _column_order(files)
+    entries = layout.read_feature_entries(info)
+    order = _read_column_order(files)
     for key in order if set(order) == {key for key in entries if entries[key].get("dtype") != "video"} else entries:
         entry = entries[key]
         kind, shape = str(entry.get("dtype")), entry.get("shape")
@@ -159,7 +159,7 @@ def _template(info: Mapping[str, object], files: Sequence[Path]) -> tuple[bytes,
     return stream.getvalue(), widths
 
 
-def _column_order(files: Sequence[Path]) -> list[str]:
+def _read_column_order(files: Sequence[Path]) -> list[str]:
     """Return the columns of the first undamaged file; empty if there is none."""
     for path in files:
         try:

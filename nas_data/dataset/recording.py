@@ -8,8 +8,8 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import TIME
-from nas_data.dataset.rows import TextLines, rows_text
-from nas_data.dataset.start_velocities import derived_velocities
+from nas_data.dataset.rows import TextLines, format_rows
+from nas_data.dataset.start_velocities import detect_derived_velocities
 
 SIGNAL = "nas."  # how the keys of further signals begin
 
@@ -61,8 +61,8 @@ class Recording:
         return len(self.time)
 
     def name_rows(self, rows: Sequence[int] | np.ndarray) -> str:
-        """Return row numbers of the log as words for messages; see `rows_text`."""
-        return rows_text(rows, self.lines)
+        """Return row numbers of the log as words for messages; see `format_rows`."""
+        return format_rows(rows, self.lines)
 
     def take(self, chosen: np.ndarray | slice) -> "Recording":
         """Return the given rows; the time starts at the first of them."""
@@ -89,7 +89,7 @@ class Recording:
         return replace(self.take(slice(None, -1)), commands=self.commands[1:])
 
 
-def recordings(dataset: Dataset) -> Iterator[Recording]:
+def extract_recordings(dataset: Dataset) -> Iterator[Recording]:
     """Iterate over the episodes of a dataset as recordings.
 
     Args:
@@ -97,7 +97,7 @@ def recordings(dataset: Dataset) -> Iterator[Recording]:
             recorder's clock the rows are evenly spaced.
     """
     n = len(dataset.joints)
-    measured = dataset.states.shape[1] == 2 * n and not are_derived(dataset)
+    measured = dataset.states.shape[1] == 2 * n and not has_derived_velocities(dataset)
     signals = {
         key.removeprefix(SIGNAL): column
         for key, column in dataset.columns.items()
@@ -121,12 +121,14 @@ def recordings(dataset: Dataset) -> Iterator[Recording]:
         )
 
 
-def are_derived(dataset: Dataset) -> bool:
+def has_derived_velocities(dataset: Dataset) -> bool:
     """Whether the velocities of a dataset with 2n-states were computed from its positions."""
     n = len(dataset.joints)
     if not np.isfinite(dataset.states).all():
         return False
     episodes = [dataset.states[frames].astype(np.float64) for frames in dataset.episodes()]
     return bool(
-        derived_velocities([rows[:, :n] for rows in episodes], [rows[:, n:] for rows in episodes], dataset.fps).all()
+        detect_derived_velocities(
+            [rows[:, :n] for rows in episodes], [rows[:, n:] for rows in episodes], dataset.fps
+        ).all()
     )

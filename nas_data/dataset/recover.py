@@ -10,19 +10,19 @@ import numpy as np
 from nas_data.count_of import count_of
 from nas_data.dataset import layout
 from nas_data.dataset.carried import Carried
-from nas_data.dataset.content import content_hash
+from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.derive_provenance import Derived, attachments, unknown_provenance
+from nas_data.dataset.derive_provenance import Derived, make_unknown_provenance, read_attachments
 from nas_data.dataset.descriptions import left_out
 from nas_data.dataset.episode_checks import EpisodeEntry, find_untrusted, read_episode_table
 from nas_data.dataset.features import Feature
 from nas_data.dataset.filmed import FilmedSource
-from nas_data.dataset.provenance import Parent, Provenance, now, package_versions, read_provenance
-from nas_data.dataset.read import Rows, episode_tasks, frame_tasks, read, read_tasks
-from nas_data.dataset.read_damaged import Salvage, salvage
-from nas_data.dataset.staging import MARK, leftovers
+from nas_data.dataset.provenance import Parent, Provenance, format_current_time, read_package_versions, read_provenance
+from nas_data.dataset.read import Rows, find_episode_tasks, frame_tasks, read, read_tasks
+from nas_data.dataset.read_damaged import Salvage, read_damaged_files
+from nas_data.dataset.staging import MARK, find_leftovers
 from nas_data.dataset.verify import METADATA, VerifyInput
-from nas_data.dataset.versions import VERSION, home_of
+from nas_data.dataset.versions import VERSION, find_home
 from nas_data.dataset.videos import VIDEO
 from nas_data.errors import DatasetInvalid, DatasetNotFound, NasError, OptionError
 
@@ -58,11 +58,11 @@ def find_damaged(path: Path) -> Path:
         OptionError: there are several remains of killed writers.
         DatasetInvalid: it is being written now.
     """
-    if STAGED.fullmatch(path.name) and path.is_dir() and path not in leftovers(path.parent):
+    if STAGED.fullmatch(path.name) and path.is_dir() and path not in find_leftovers(path.parent):
         raise DatasetInvalid(f"{path} is being written by a running process; wait for it, or end it first.")
     if any((path / name).is_dir() for name in ("meta", "data")) or (path.is_dir() and STAGED.fullmatch(path.name)):
         return path
-    left = leftovers(path) if path.is_dir() else leftovers(path.parent, path.name)
+    left = find_leftovers(path) if path.is_dir() else find_leftovers(path.parent, path.name)
     if len(left) > 1:
         raise OptionError(f"Killed processes left several datasets there; give one of: {', '.join(map(str, left))}.")
     if left:
@@ -73,12 +73,12 @@ def find_damaged(path: Path) -> Path:
     raise DatasetNotFound(f"There is nothing to rescue at {path}: no dataset, nor what a killed process left of one.")
 
 
-def destination(root: Path) -> tuple[Path, str]:
+def find_destination(root: Path) -> tuple[Path, str]:
     """Return the folder of all datasets and the name for the recovered dataset."""
     staged = STAGED.fullmatch(root.name)
     if staged and staged.group(1) == "version":
         return root.parent.parent, root.parent.resolve().name
-    return home_of(root.with_name(staged.group(1)) if staged else root)
+    return find_home(root.with_name(staged.group(1)) if staged else root)
 
 
 def recover(root: Path, beyond: bool = False, like: Path | None = None) -> Rescue:
@@ -92,42 +92,44 @@ def recover(root: Path, beyond: bool = False, like: Path | None = None) -> Rescu
     Raises:
         DatasetInvalid: nothing can be recovered.
     """
-    info = _info(root, like)
-    provenance, reports = _provenance(root)
-    found = salvage(root, info, provenance)
-    features = layout.vector_features(info)
+    info = _find_info(root, like)
+    provenance, reports = _try_read_provenance(root)
+    found = read_damaged_files(root, info, provenance)
+    features = layout.select_vector_features(info)
     known = read_episode_table(root, features)
     faults = find_untrusted(found, features, known)
     whole = [episode for episode in found.episodes.tolist() if episode >= 0 and episode not in faults]
     first_gap = next((index for index, episode in enumerate(whole) if episode != index), len(whole))
     kept = whole if beyond else whole[:first_gap]
     left = [episode for episode in whole if episode not in set(kept)]
-    promised = layout.total(info, "total_episodes") if like is None else -1
+    promised = layout.read_total(info, "total_episodes") if like is None else -1
     reports += [*found.files, *(f"episode {episode} {why}" for episode, why in sorted(faults.items()))]
-    reports += _lost_episodes(found, whole, promised)
+    reports += _describe_lost_episodes(found, whole, promised)
     if not kept:
-        raise DatasetInvalid(_nothing(root, reports, left))
+        raise DatasetInvalid(_explain_failure(root, reports, left))
     if not reports and not left and not STAGED.fullmatch(root.name):
         if _is_whole(root, provenance):
             return Rescue(root, None, promised, tuple(kept), (), ())
         reports.append("the rows are whole, the metadata are not: they are made anew")
-    tasks = _tasks(root, found, known)
-    dataset = _dataset(info, found, kept, tasks)
+    tasks = _recover_tasks(root, found, known)
+    dataset = _build_dataset(info, found, kept, tasks)
     dataset = replace(dataset, frame_tasks=_frame_tasks(root, found, kept))
-    carried, left_out = _carried(root, info, found, kept, dataset.lengths, described=like is None)
+    carried, left_out = _recover_carried(root, info, found, kept, dataset.lengths, described=like is None)
     dataset, reports = replace(dataset, carried=carried), [*reports, *left_out]
     unknown = [episode for episode in kept if not tasks[episode]]
     if unknown:
-        reports.append(f"what is done in {count_of(len(unknown), 'episode')} is not known: {_some(unknown)}")
-    derived = Derived(dataset, _new_provenance(root, provenance, dataset, kept), attachments(root, provenance))
+        reports.append(
+            f"what is done in {count_of(len(unknown), 'episode')} is not known: {_format_episode_range(unknown)}"
+        )
+    derived = Derived(dataset, _make_provenance(root, provenance, dataset, kept), read_attachments(root, provenance))
     return Rescue(root, derived, promised, tuple(kept), tuple(left), tuple(reports))
 
 
-def _info(root: Path, like: Path | None) -> Mapping[str, object]:
+def _find_info(root: Path, like: Path | None) -> Mapping[str, object]:
     """Return the description of the rows: `meta/info.json`, or that of a similar dataset."""
     if like is not None:
         return layout.read_info(like)
-    if not layout.data_files(root):
+    if not layout.list_data_files(root):
         raise DatasetInvalid(f"Nothing can be rescued from {root}: it holds no rows (data/*/*.parquet).")
     try:
         layout.read_json(root / layout.INFO)
@@ -139,7 +141,7 @@ def _info(root: Path, like: Path | None) -> Mapping[str, object]:
     return layout.read_info(root)
 
 
-def _provenance(root: Path) -> tuple[Provenance | None, list[str]]:
+def _try_read_provenance(root: Path) -> tuple[Provenance | None, list[str]]:
     """Return the provenance if it is readable, and remarks."""
     try:
         return read_provenance(root), []
@@ -147,7 +149,7 @@ def _provenance(root: Path) -> tuple[Provenance | None, list[str]]:
         return None, [f"{layout.PROVENANCE} is damaged: where the dataset comes from is lost"]
 
 
-def _lost_episodes(found: Salvage, whole: Sequence[int], promised: int) -> list[str]:
+def _describe_lost_episodes(found: Salvage, whole: Sequence[int], promised: int) -> list[str]:
     """Return sentences on episodes without rows, and on episodes missing from the metadata."""
     reports = []
     present = found.episodes[found.episodes >= 0].tolist()
@@ -157,15 +159,18 @@ def _lost_episodes(found: Salvage, whole: Sequence[int], promised: int) -> list[
         reports.append(f"of {count_of(missing, 'episode')} there are no rows, the first is {first}")
     surplus = [episode for episode in whole if episode >= promised >= 0]
     if surplus:
-        reports.append(f"it leaves {count_of(len(surplus), 'episode')}, saved but not yet counted: {_some(surplus)}")
+        reports.append(
+            f"it leaves {count_of(len(surplus), 'episode')}, saved but not yet counted: "
+            f"{_format_episode_range(surplus)}"
+        )
     return reports
 
 
-def _some(episodes: Sequence[int]) -> str:
+def _format_episode_range(episodes: Sequence[int]) -> str:
     return f"{episodes[0]}" if len(episodes) == 1 else f"{episodes[0]} … {episodes[-1]}"
 
 
-def _nothing(root: Path, reports: Sequence[str], left: Sequence[int]) -> str:
+def _explain_failure(root: Path, reports: Sequence[str], left: Sequence[int]) -> str:
     reasons = "; ".join(reports) or "it holds no rows (data/*/*.parquet)"
     if left:
         return (
@@ -189,11 +194,13 @@ def _is_whole(root: Path, provenance: Provenance | None) -> bool:
         return False
 
 
-def _dataset(info: Mapping[str, object], found: Salvage, kept: Sequence[int], tasks: Mapping[int, str]) -> Dataset:
+def _build_dataset(
+    info: Mapping[str, object], found: Salvage, kept: Sequence[int], tasks: Mapping[int, str]
+) -> Dataset:
     """Return the recovered episodes."""
     places = np.flatnonzero(np.isin(found.episodes, kept))
     rows = np.flatnonzero(np.isin(found.row_episodes(), places))
-    features = layout.vector_features(info)
+    features = layout.select_vector_features(info)
     return Dataset(
         features=features,
         columns={key: found.columns[key][rows] for key in features},
@@ -204,18 +211,18 @@ def _dataset(info: Mapping[str, object], found: Salvage, kept: Sequence[int], ta
     )
 
 
-def _carried(
+def _recover_carried(
     root: Path, info: Mapping[str, object], found: Salvage, kept: Sequence[int], lengths: np.ndarray, described: bool
 ) -> tuple[Carried | None, list[str]]:
     """Return the pass-through features of the recovered episodes, or the reason why they are left out."""
-    keys = layout.other_features(info)
+    keys = layout.describe_other_features(info)
     reason = f"{layout.INFO} is lost"
     if described:
         try:
             return Carried.rescued(root, kept, lengths), []
         except DatasetInvalid as error:
             reason = _reason(error)
-    if described and {layout.described(info)[key].get("dtype") for key in keys} == {VIDEO}:
+    if described and {layout.read_feature_entries(info)[key].get("dtype") for key in keys} == {VIDEO}:
         try:
             filmed = FilmedSource(root, found.episodes, found.lengths, float(str(info["fps"])))
             return Carried.rescued(root, kept, lengths, filmed), []
@@ -223,7 +230,7 @@ def _carried(
             reason = _reason(error)
     if not keys:
         return None, []
-    lost = left_out({key: layout.described(info)[key] for key in keys}, reason)
+    lost = left_out({key: layout.read_feature_entries(info)[key] for key in keys}, reason)
     return None, [f"{lost}; what there is of it lies in {root / 'videos'} and {root / 'data'}"]
 
 
@@ -232,13 +239,13 @@ def _reason(error: DatasetInvalid) -> str:
     return str(error).partition(";")[0].rstrip(".")
 
 
-def _tasks(root: Path, found: Salvage, known: Mapping[int, EpisodeEntry]) -> dict[int, str]:
+def _recover_tasks(root: Path, found: Salvage, known: Mapping[int, EpisodeEntry]) -> dict[int, str]:
     """Return the task of each episode, from the task table or else from the episode table."""
     try:
         names = read_tasks(root)
     except DatasetInvalid:
         names = {}
-    tasks = episode_tasks(names, found.columns["task_index"][:, 0], found.lengths)
+    tasks = find_episode_tasks(names, found.columns["task_index"][:, 0], found.lengths)
     return {
         episode: task or ("; ".join(known[episode].tasks) if episode in known else "")
         for episode, task in zip(found.episodes.tolist(), tasks, strict=True)
@@ -256,19 +263,19 @@ def _frame_tasks(root: Path, found: Salvage, kept: Sequence[int]) -> np.ndarray 
     return frame_tasks(names, numbers, found.lengths[places]) if set(numbers.tolist()) <= names.keys() else None
 
 
-def _new_provenance(root: Path, before: Provenance | None, dataset: Dataset, kept: Sequence[int]) -> Provenance:
+def _make_provenance(root: Path, before: Provenance | None, dataset: Dataset, kept: Sequence[int]) -> Provenance:
     """Return the provenance of the recovered dataset: that of the damaged one, which becomes its parent."""
-    if before is not None and STAGED.fullmatch(root.name) and before.content_hash == content_hash(dataset):
+    if before is not None and STAGED.fullmatch(root.name) and before.content_hash == hash_content(dataset):
         return before  # complete, killed just before it got its name
     home = root.resolve()
-    name = f"{home.parent.name}/{home.name}" if VERSION.fullmatch(home.name) else destination(root)[1]
-    deed = f"rescued from {name}: {count_of(len(kept), 'episode')}, {_some(kept)}"
-    known = before or unknown_provenance(dataset)
+    name = f"{home.parent.name}/{home.name}" if VERSION.fullmatch(home.name) else find_destination(root)[1]
+    deed = f"rescued from {name}: {count_of(len(kept), 'episode')}, {_format_episode_range(kept)}"
+    known = before or make_unknown_provenance(dataset)
     return replace(
         known,
         how="edited",
-        when=now(),
-        packages=dict(package_versions()),
+        when=format_current_time(),
+        packages=dict(read_package_versions()),
         parents=(Parent(name, before.content_hash),) if before else (),
         notes="\n".join(filter(None, [known.notes, deed])),
         files={},

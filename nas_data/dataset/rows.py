@@ -30,7 +30,7 @@ class TextLines:
         return filled[1:] if len(filled) == self.count + 1 else filled[:0]
 
 
-def spans(rows: Sequence[int] | np.ndarray) -> list[tuple[int, int]]:
+def find_row_spans(rows: Sequence[int] | np.ndarray) -> list[tuple[int, int]]:
     """Return runs of consecutive rows as (first, last)."""
     rows = np.asarray(rows, dtype=np.int64)
     if rows.size == 0:
@@ -41,7 +41,7 @@ def spans(rows: Sequence[int] | np.ndarray) -> list[tuple[int, int]]:
     return list(zip(firsts.tolist(), lasts.tolist(), strict=True))
 
 
-def rows_text(rows: Sequence[int] | np.ndarray, lines: TextLines | None = None) -> str:
+def format_rows(rows: Sequence[int] | np.ndarray, lines: TextLines | None = None) -> str:
     """Return rows as people write them, and where to find them.
 
     `row 3 (counted from 0)`, `rows 3–7, 12, 15, 20, 31 and 40 more places (counted from 0)`, or, for a text file,
@@ -51,17 +51,17 @@ def rows_text(rows: Sequence[int] | np.ndarray, lines: TextLines | None = None) 
         rows: Row numbers, counted from 0, ascending.
         lines: Lines of the text file in which they stand; None for other logs.
     """
-    runs = spans(rows)[:SHOWN]
-    more = len(spans(rows)) - SHOWN
+    runs = find_row_spans(rows)[:SHOWN]
+    more = len(find_row_spans(rows)) - SHOWN
     places = "1 more place" if more == 1 else f"{more} more places"
-    named = _numbers_text("row", runs) + (f" and {places}" if more > 0 else "")
+    named = _format_numbers("row", runs) + (f" and {places}" if more > 0 else "")
     if lines is None or not lines.numbers.size:
         return f"{named} (counted from 0)"
     there = [(int(lines.numbers[first]), int(lines.numbers[last])) for first, last in runs]
-    return f"{named} ({_numbers_text('line', there)}{' …' if more > 0 else ''} of {lines.path.name})"
+    return f"{named} ({_format_numbers('line', there)}{' …' if more > 0 else ''} of {lines.path.name})"
 
 
-def _numbers_text(noun: str, runs: Sequence[tuple[int, int]]) -> str:
+def _format_numbers(noun: str, runs: Sequence[tuple[int, int]]) -> str:
     """Return runs of numbers behind their noun: `row 3`, `rows 3–7, 12`."""
     words = [str(first) if first == last else f"{first}–{last}" for first, last in runs]
     one = len(runs) == 1 and runs[0][0] == runs[0][1]

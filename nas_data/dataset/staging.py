@@ -20,7 +20,7 @@ def staging_folder(root: Path) -> Iterator[Path]:
 
     The folder is locked while it is written, which distinguishes it from the remains of a killed process.
     """
-    hidden = _hidden_name(root.parent, root)
+    hidden = _make_hidden_path(root.parent, root)
     with _failures_named(root):
         root.parent.mkdir(parents=True, exist_ok=True)
         hidden.mkdir()
@@ -55,12 +55,12 @@ def check_creatable(root: Path) -> None:
     with _failures_named(root):
         refuse_existing(root)
         above = next(folder for folder in root.absolute().parents if folder.exists())
-        trial = _hidden_name(above, root)
+        trial = _make_hidden_path(above, root)
         trial.mkdir()  # permissions alone do not show read-only disks and names that are too long
         trial.rmdir()
 
 
-def _hidden_name(folder: Path, root: Path) -> Path:
+def _make_hidden_path(folder: Path, root: Path) -> Path:
     """Return a new hidden name for writing `root` in a folder."""
     return folder / f".{root.name}{MARK}{secrets.token_hex(4)}"
 
@@ -128,7 +128,7 @@ def flush_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-def leftovers(folder: Path, name: str = "*") -> list[Path]:
+def find_leftovers(folder: Path, name: str = "*") -> list[Path]:
     """Return the hidden folders of killed writers in a folder, without those that are being written."""
     return [path for path in sorted(folder.glob(f".{name}{MARK}*")) if path.is_dir() and not _is_locked(path)]
 

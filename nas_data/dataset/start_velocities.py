@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.noise import ODD, ORDERS, noise_of_differences, resolution
+from nas_data.dataset.noise import ODD, ORDERS, estimate_noise, estimate_resolution
 from nas_data.dataset.transitions import estimate_velocities
 
 CLEAR = 5.0  # standard deviations of a significant velocity; noise exceeds them once in two million readings
@@ -59,8 +59,8 @@ def find_start_velocities(dataset: Dataset) -> StartVelocities:
     deviations: np.ndarray = np.zeros((dataset.n_episodes, n))
     episodes = [dataset.states[rows].astype(float) for rows in dataset.episodes() if rows.stop > rows.start]
     positions, velocities = [rows[:, :n] for rows in episodes], [rows[:, n:] for rows in episodes]
-    derived = derived_velocities(positions, velocities, dataset.fps)
-    noise = position_noise(positions)
+    derived = detect_derived_velocities(positions, velocities, dataset.fps)
+    noise = estimate_position_noise(positions)
     for joint in range(n):
         if derived[joint]:
             readings = [with_last(dataset, rows, joint) for rows in dataset.episodes() if rows.stop > rows.start]
@@ -68,11 +68,11 @@ def find_start_velocities(dataset: Dataset) -> StartVelocities:
             values[begun, joint], deviations[begun, joint] = np.array(found).T
         else:
             values[begun, joint] = [rows[0, joint] for rows in velocities]
-            deviations[begun, joint] = velocity_noise([rows[:, joint] for rows in velocities], free)
+            deviations[begun, joint] = estimate_velocity_noise([rows[:, joint] for rows in velocities], free)
     rest = np.zeros((dataset.n_episodes, 1), bool)  # episodes that the recorder reports at rest
     rest[begun] = [[not rows[0].any()] for rows in velocities]
     values, deviations = np.where(rest, 0.0, values), np.where(rest, 0.0, deviations)
-    least = np.where(derived, SLOW * large_speeds(positions, dataset.fps), 0.0)
+    least = np.where(derived, SLOW * compute_large_speeds(positions, dataset.fps), 0.0)
     moving = np.abs(values) > np.maximum(CLEAR * deviations, least)
     if dataset.commands_positions and moving.any(axis=1).sum() < max(CUT * len(begun), 1):
         values, deviations = np.where(moving, values, 0.0), np.where(moving, deviations, 0.0)
@@ -84,13 +84,13 @@ def with_last(dataset: Dataset, rows: slice, joint: int) -> np.ndarray:
     return np.append(dataset.states[rows, joint], dataset.next_states[rows.stop - 1, joint]).astype(float)
 
 
-def position_noise(positions: Sequence[np.ndarray]) -> np.ndarray:
+def estimate_position_noise(positions: Sequence[np.ndarray]) -> np.ndarray:
     """Return the standard deviation of position readings, including rounding, for episodes (T, n); shape (n,)."""
     found = []
     for joint in range(positions[0].shape[1] if positions else 0):
         readings = [rows[:, joint] for rows in positions]
-        step, largest = resolution(readings), max(float(np.abs(row).max()) for row in readings)
-        noise = min(noise_of_differences(readings, order, step) for order in (*ODD, *ORDERS))
+        step, largest = estimate_resolution(readings), max(float(np.abs(row).max()) for row in readings)
+        noise = min(estimate_noise(readings, order, step) for order in (*ODD, *ORDERS))
         found.append(max(step / np.sqrt(12.0), SINGLE * largest, noise if np.isfinite(noise) else 0.0))
     return np.array(found)
 
@@ -117,7 +117,7 @@ def fit_velocity(positions: np.ndarray, row: int, noise: float, fps: float) -> t
         slope = float(positions[-1] - positions[0]) * fps / max(1, len(positions) - 1)
         return slope, abs(slope) + noise * fps
     found = []
-    for first, quadratic, cubic in slopes(len(positions), row, max(WIDTHS[0], round(LONGEST * fps))):
+    for first, quadratic, cubic in list_slope_windows(len(positions), row, max(WIDTHS[0], round(LONGEST * fps))):
         readings = positions[first : first + len(quadratic)] - positions[first]
         moved = quadratic @ readings
         found.append((moved, noise * np.linalg.norm(cubic), abs(moved - cubic @ readings)))
@@ -127,7 +127,7 @@ def fit_velocity(positions: np.ndarray, row: int, noise: float, fps: float) -> t
     return float(slope[best]) * fps, float(doubts[best]) * fps
 
 
-def slopes(length: int, row: int, longest: int) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+def list_slope_windows(length: int, row: int, longest: int) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     """Yield windows around a row: first reading, and weights for the slopes per row of a quadratic and of a cubic.
 
     The last window is the first one longer than `longest`, if the episode is long enough.
@@ -137,18 +137,18 @@ def slopes(length: int, row: int, longest: int) -> Iterator[tuple[int, np.ndarra
         if width > length or narrower > longest:
             return
         first = int(np.clip(row - width // 2, 0, length - width))
-        yield first, slope_weights(width, row - first, 2), slope_weights(width, row - first, 3)
+        yield first, compute_slope_weights(width, row - first, 2), compute_slope_weights(width, row - first, 3)
         narrower = width
 
 
 @cache
-def slope_weights(width: int, at: int, degree: int) -> np.ndarray:
+def compute_slope_weights(width: int, at: int, degree: int) -> np.ndarray:
     """Return weights of evenly spaced readings for the slope per row of a fitted polynomial at one reading."""
     powers = np.vander(np.arange(width) - at, degree + 1, increasing=True)
     return np.asarray(np.linalg.pinv(powers)[1])
 
 
-def large_speeds(positions: Sequence[np.ndarray], fps: float) -> np.ndarray:
+def compute_large_speeds(positions: Sequence[np.ndarray], fps: float) -> np.ndarray:
     """Return the 98th percentile of each joint's speed over 50 ms [rad/s; m/s], for episodes (T, n); shape (n,)."""
     reach = max(1, round(0.05 * fps))
     steps = [np.abs(rows[reach:] - rows[:-reach]) for rows in positions if len(rows) > reach]
@@ -157,21 +157,23 @@ def large_speeds(positions: Sequence[np.ndarray], fps: float) -> np.ndarray:
     return np.asarray(np.percentile(np.concatenate(steps), LARGE, axis=0) * fps / reach)
 
 
-def velocity_noise(velocities: Sequence[np.ndarray], effort: bool) -> float:
+def estimate_velocity_noise(velocities: Sequence[np.ndarray], effort: bool) -> float:
     """Return an upper bound of the standard deviation of one joint's velocity readings [rad/s].
 
     Args:
         velocities: Velocities of each episode, shape (T,).
         effort: Whether torques are commanded; then only rounding counts.
     """
-    step = resolution(velocities)
+    step = estimate_resolution(velocities)
     rounding = step / float(np.sqrt(12.0))
     if effort:
         return rounding
-    return max(rounding, min(noise_of_differences(velocities, order, step) for order in (*ODD, *ORDERS)))
+    return max(rounding, min(estimate_noise(velocities, order, step) for order in (*ODD, *ORDERS)))
 
 
-def derived_velocities(positions: Sequence[np.ndarray], velocities: Sequence[np.ndarray], fps: float) -> np.ndarray:
+def detect_derived_velocities(
+    positions: Sequence[np.ndarray], velocities: Sequence[np.ndarray], fps: float
+) -> np.ndarray:
     """Return whether the velocities of each joint were computed from positions by a common formula; shape (n,).
 
     Args:
@@ -184,11 +186,11 @@ def derived_velocities(positions: Sequence[np.ndarray], velocities: Sequence[np.
     for rows, speeds in zip(positions, velocities, strict=True):
         if len(rows) > 2 * EDGE and same.any():
             inner = slice(EDGE, len(rows) - EDGE)
-            same &= np.abs(formulas(rows, fps) - speeds)[:, inner].max(axis=1) <= SAME * largest
+            same &= np.abs(compute_candidate_velocities(rows, fps) - speeds)[:, inner].max(axis=1) <= SAME * largest
     return np.asarray(same.any(axis=0))
 
 
-def formulas(positions: np.ndarray, fps: float) -> np.ndarray:
+def compute_candidate_velocities(positions: np.ndarray, fps: float) -> np.ndarray:
     """Return one episode's velocities by backward, forward and central differences and by ours, shape (4, T, n)."""
     steps = np.diff(positions, axis=0) * fps
     still = np.zeros_like(steps[:1])

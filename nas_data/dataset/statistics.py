@@ -27,7 +27,7 @@ class Statistics:
     overall: Mapping[str, np.ndarray]
 
 
-def statistics(columns: Mapping[str, np.ndarray], lengths: np.ndarray) -> dict[str, Statistics]:
+def compute_statistics(columns: Mapping[str, np.ndarray], lengths: np.ndarray) -> dict[str, Statistics]:
     """Return the statistics of every column.
 
     Args:
@@ -39,29 +39,31 @@ def statistics(columns: Mapping[str, np.ndarray], lengths: np.ndarray) -> dict[s
     found: dict[str, Statistics] = {}
     for group in (narrow, wide):
         if group:
-            found |= _group_statistics(group, lengths)
+            found |= _compute_group_statistics(group, lengths)
     return {key: found[key] for key in columns}
 
 
-def _group_statistics(columns: Mapping[str, np.ndarray], lengths: np.ndarray) -> dict[str, Statistics]:
+def _compute_group_statistics(columns: Mapping[str, np.ndarray], lengths: np.ndarray) -> dict[str, Statistics]:
     """Return the statistics of columns of one dtype, which are sorted side by side."""
     edges = np.cumsum([0] + [column.shape[1] for column in columns.values()])
-    per_episode = _episode_statistics(list(columns.values()), edges, lengths)
+    per_episode = _compute_episode_statistics(list(columns.values()), edges, lengths)
     counts = lengths.astype(np.int64)[:, None]
     result = {}
     for (key, column), low, high in zip(columns.items(), edges[:-1], edges[1:], strict=True):
         episodes = {name: values[:, low:high] for name, values in per_episode.items()} | {"count": counts}
         result[key] = Statistics(
-            episodes={name: episodes[name] for name in NAMES}, overall=_overall(column, episodes, counts)
+            episodes={name: episodes[name] for name in NAMES}, overall=_combine_moments(column, episodes, counts)
         )
     return result
 
 
-def _episode_statistics(columns: list[np.ndarray], edges: np.ndarray, lengths: np.ndarray) -> dict[str, np.ndarray]:
+def _compute_episode_statistics(
+    columns: list[np.ndarray], edges: np.ndarray, lengths: np.ndarray
+) -> dict[str, np.ndarray]:
     """Return each statistic but the count of all columns side by side, shape (E, all widths)."""
     result = {name: np.empty((len(lengths), edges[-1])) for name in NAMES if name != "count"}
     starts = np.cumsum(lengths) - lengths
-    for members in _equal_runs(lengths, int(edges[-1])):
+    for members in _split_equal_lengths(lengths, int(edges[-1])):
         first, count, length = int(starts[members.start]), members.stop - members.start, int(lengths[members.start])
         block = np.empty((count, edges[-1], length), columns[0].dtype)
         for column, low, high in zip(columns, edges[:-1], edges[1:], strict=True):
@@ -70,7 +72,7 @@ def _episode_statistics(columns: list[np.ndarray], edges: np.ndarray, lengths: n
         block.sort(axis=-1)
         result["min"][members], result["max"][members] = block[..., 0], block[..., -1]
         for name, share in QUANTILES.items():
-            result[name][members] = _order_statistic(block, share)
+            result[name][members] = _compute_order_statistic(block, share)
         exact = block.astype(np.float64, copy=False)
         mean = exact.mean(axis=-1)
         result["mean"][members] = mean
@@ -78,7 +80,7 @@ def _episode_statistics(columns: list[np.ndarray], edges: np.ndarray, lengths: n
     return result
 
 
-def _equal_runs(lengths: np.ndarray, width: int) -> Iterator[slice]:
+def _split_equal_lengths(lengths: np.ndarray, width: int) -> Iterator[slice]:
     """Iterate over runs of consecutive episodes of equal length, at most a block of values each."""
     breaks = np.flatnonzero(np.diff(lengths)) + 1
     for start, stop in zip([0, *breaks.tolist()], [*breaks.tolist(), len(lengths)], strict=True):
@@ -87,7 +89,7 @@ def _equal_runs(lengths: np.ndarray, width: int) -> Iterator[slice]:
             yield slice(low, min(low + size, stop))
 
 
-def _order_statistic(ordered: np.ndarray, share: float) -> np.ndarray:
+def _compute_order_statistic(ordered: np.ndarray, share: float) -> np.ndarray:
     """Return a quantile of values sorted along the last axis, linear between neighbours."""
     rank = share * (ordered.shape[-1] - 1)
     low = int(rank)
@@ -96,7 +98,9 @@ def _order_statistic(ordered: np.ndarray, share: float) -> np.ndarray:
     return below + (rank - low) * (above - below)
 
 
-def _overall(column: np.ndarray, episodes: Mapping[str, np.ndarray], counts: np.ndarray) -> dict[str, np.ndarray]:
+def _combine_moments(
+    column: np.ndarray, episodes: Mapping[str, np.ndarray], counts: np.ndarray
+) -> dict[str, np.ndarray]:
     """Combine the episodes' moments (Chan's parallel formula) and sort for the quantiles."""
     total = counts.sum(axis=0)
     mean = (episodes["mean"] * counts).sum(axis=0) / total
@@ -109,4 +113,4 @@ def _overall(column: np.ndarray, episodes: Mapping[str, np.ndarray], counts: np.
         "std": np.sqrt((spread * counts).sum(axis=0) / total),
         "count": total,
     }
-    return moments | {name: _order_statistic(ordered, share) for name, share in QUANTILES.items()}
+    return moments | {name: _compute_order_statistic(ordered, share) for name, share in QUANTILES.items()}

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.dataset import layout
-from nas_data.dataset.content import content_hash
+from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION, EFFORT, POSITION, STATE, VELOCITY, Feature
 from nas_data.dataset.foreign import take_in
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
-from nas_data.dataset.versions import identity, resolve
+from nas_data.dataset.versions import find_dataset_name, resolve
 from nas_data.errors import DatasetInvalid, JointMismatch
 
 KINDS = {POSITION: "position", VELOCITY: "velocity", EFFORT: "torque"}
@@ -89,12 +89,12 @@ def summarize(path: Path) -> DatasetSummary:
     """
     root = resolve(path)
     dataset = read(root)
-    chain = provenance_chain(root)
-    usable, derived, reason, noticed = _transitions(root, dataset)
+    chain = trace_provenance(root)
+    usable, derived, reason, noticed = _derive_transitions(root, dataset)
     shown = usable or dataset
     return DatasetSummary(
         dataset=root,
-        name=identity(root),
+        name=find_dataset_name(root),
         robot=dataset.robot_type,
         joints=usable.joints if usable else (),
         commands="" if usable is None else " and ".join(dict.fromkeys(map(KINDS.__getitem__, usable.kinds))),
@@ -102,26 +102,26 @@ def summarize(path: Path) -> DatasetSummary:
         lengths=tuple(dataset.lengths.tolist()),
         tasks={task: dataset.tasks.count(task) for task in dict.fromkeys(dataset.tasks)},
         features=dataset.features,
-        carried=layout.other_features(layout.read_info(root)),
-        ranges={key: _ranges(shown, key) for key in (STATE, ACTION) if key in shown.features},
-        units={name: unit for key in (ACTION, STATE) for name, unit in _units(shown, key).items()},
+        carried=layout.describe_other_features(layout.read_info(root)),
+        ranges={key: _compute_ranges(shown, key) for key in (STATE, ACTION) if key in shown.features},
+        units={name: unit for key in (ACTION, STATE) for name, unit in _list_units(shown, key).items()},
         derived=derived,
         unusable=reason,
         warnings=noticed,
         paired=dataset.paired,
         source=chain[0][1].source if chain else None,
-        content_hash=content_hash(dataset),
+        content_hash=hash_content(dataset),
         provenance=chain,
     )
 
 
-def provenance_chain(root: Path) -> tuple[tuple[str, Provenance], ...]:
+def trace_provenance(root: Path) -> tuple[tuple[str, Provenance], ...]:
     """Return the provenance of a dataset, of its first parent, and so on, each with its name.
 
     Parents are looked up as versions below the same `datasets/` folder.
     """
     chain: list[tuple[str, Provenance]] = []
-    name, here = identity(root), root.resolve()
+    name, here = find_dataset_name(root), root.resolve()
     provenance = read_provenance(here)
     while provenance is not None and len(chain) < LONGEST_CHAIN:
         chain.append((name, provenance))
@@ -135,7 +135,9 @@ def provenance_chain(root: Path) -> tuple[tuple[str, Provenance], ...]:
     return tuple(chain)
 
 
-def _transitions(root: Path, dataset: Dataset) -> tuple[Dataset | None, dict[str, str], str | None, tuple[str, ...]]:
+def _derive_transitions(
+    root: Path, dataset: Dataset
+) -> tuple[Dataset | None, dict[str, str], str | None, tuple[str, ...]]:
     """Return the dataset as transitions, derived features, the reason if it is unusable, and warnings."""
     try:
         usable, derived, noticed = take_in(root, dataset)
@@ -144,13 +146,13 @@ def _transitions(root: Path, dataset: Dataset) -> tuple[Dataset | None, dict[str
     return usable, derived, None, noticed
 
 
-def _units(dataset: Dataset, key: str) -> dict[str, str]:
+def _list_units(dataset: Dataset, key: str) -> dict[str, str]:
     """Return the unit of each component; empty if the units are unknown."""
     feature = dataset.features.get(key)
     return dict(zip(feature.names, feature.units, strict=True)) if feature and feature.units else {}
 
 
-def _ranges(dataset: Dataset, key: str) -> dict[str, tuple[float, float]]:
+def _compute_ranges(dataset: Dataset, key: str) -> dict[str, tuple[float, float]]:
     """Return the smallest and largest value of each component."""
     low, high = np.min(dataset.columns[key], axis=0).tolist(), np.max(dataset.columns[key], axis=0).tolist()
     return dict(zip(dataset.features[key].names, zip(low, high, strict=True), strict=True))

@@ -5,7 +5,7 @@ import numpy as np
 LATE = 0.3  # share of a control period; a later reading does not belong to its control step
 
 
-def late_readings(delays: np.ndarray, period: float) -> np.ndarray:
+def find_late_readings(delays: np.ndarray, period: float) -> np.ndarray:
     """Return whether each reading is late, shape (T,).
 
     Args:

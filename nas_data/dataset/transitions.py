@@ -21,11 +21,11 @@ from nas_data.dataset.features import (
     SIM_STATE,
     STATE,
     Feature,
-    action_feature,
-    position_feature,
-    state_feature,
+    make_action_feature,
+    make_position_feature,
+    make_state_feature,
 )
-from nas_data.dataset.joints import Components, check_units, find_slides, matching_joints
+from nas_data.dataset.joints import Components, check_units, find_slides, match_joints
 from nas_data.errors import DatasetInvalid, JointMismatch
 
 WINDOW = 5  # samples
@@ -49,10 +49,10 @@ def as_transitions(dataset: Dataset) -> tuple[Dataset, dict[str, str]]:
         JointMismatch: state and action name different joints, or none.
         DatasetInvalid: measured values are not in SI units, or no episode has two frames.
     """
-    needed = {key: _feature(dataset, key) for key in (STATE, ACTION)}
+    needed = {key: _find_feature(dataset, key) for key in (STATE, ACTION)}
     optional = {key: dataset.features[key] for key in (NEXT_STATE, SIM_STATE) if key in dataset.features}
     parts = {key: Components.of(key, feature) for key, feature in (needed | optional).items()}
-    joints = matching_joints(parts[STATE], parts[ACTION])
+    joints = match_joints(parts[STATE], parts[ACTION])
     slides = find_slides(dataset.features[STATE], parts[STATE])
     derived: dict[str, str] = {}
     for key, components in parts.items():
@@ -90,7 +90,7 @@ def estimate_velocities(positions: np.ndarray, fps: float) -> np.ndarray:
     return np.concatenate([ends[0], np.tensordot(weights[half], inner, 1), ends[1]])
 
 
-def _feature(dataset: Dataset, key: str) -> Feature:
+def _find_feature(dataset: Dataset, key: str) -> Feature:
     if key not in dataset.features:
         raise JointMismatch(f"The dataset has no feature '{key}'; it has: {', '.join(dataset.features)}.")
     return dataset.features[key]
@@ -105,11 +105,11 @@ def _arrange(
         commanded = components.commanded()
         groups = [{joint: place for joint, (_, place) in commanded.items()}]
         kinds = [commanded[joint][0] if joint in commanded else POSITION for joint in joints]
-        feature = action_feature(joints, kinds, slides)
+        feature = make_action_feature(joints, kinds, slides)
     elif not components.velocities:
-        feature, groups = position_feature(joints, slides), [components.positions]
+        feature, groups = make_position_feature(joints, slides), [components.positions]
     else:
-        feature, groups = state_feature(joints, slides), [components.positions, components.velocities]
+        feature, groups = make_state_feature(joints, slides), [components.positions, components.velocities]
     feature = replace(feature, dtype=dataset.features[key].dtype)
     if feature == dataset.features[key]:
         return dataset
@@ -158,7 +158,7 @@ def _with_velocities(dataset: Dataset, has_next: bool) -> Dataset:
         states = np.concatenate([positions, estimate_velocities(positions, dataset.fps)], axis=1)
         now.append(states[:-1] if has_next else states)
         after.append(states[1:])
-    feature = replace(state_feature(joints, dataset.slides), dtype=dataset.features[STATE].dtype)
+    feature = replace(make_state_feature(joints, dataset.slides), dtype=dataset.features[STATE].dtype)
     dataset = dataset.with_column(STATE, feature, np.concatenate(now).astype(feature.dtype))
     if has_next:
         dataset = dataset.with_column(NEXT_STATE, feature, np.concatenate(after).astype(feature.dtype))

@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
-from nas_data.dataset.content import content_hash
-from nas_data.dataset.layout import PROVENANCE, other_features, read_info
-from nas_data.dataset.pack import MANIFEST, Manifest, check_unchanged, hashes, is_plain, write_pack
+from nas_data.dataset.content import hash_content
+from nas_data.dataset.layout import PROVENANCE, describe_other_features, read_info
+from nas_data.dataset.pack import MANIFEST, Manifest, check_unchanged, hash_files, is_plain, write_pack
 from nas_data.dataset.read import read
 from nas_data.dataset.staging import staging_folder, write_synced
 from nas_data.dataset.versions import list_versions, settle
@@ -37,7 +37,7 @@ def unpack(file: Path, folder: Path) -> Path:
     if not file.is_file():
         raise DatasetNotFound(f"There is no file {file}; give one that 'nas pack' wrote.")
     with _refusal(file), tarfile.open(file, mode="r:") as archive:
-        manifest = Manifest.from_bytes(_content(archive, check_members(archive)[MANIFEST]))
+        manifest = Manifest.from_bytes(_read_content(archive, check_members(archive)[MANIFEST]))
     home = folder / manifest.name
     present = next(path for path in (home, *home.parents) if path.exists())
     if not present.is_dir():
@@ -85,7 +85,7 @@ def check_members(archive: tarfile.TarFile) -> dict[str, tarfile.TarInfo]:
     return members
 
 
-def _content(archive: tarfile.TarFile, member: tarfile.TarInfo) -> bytes:
+def _read_content(archive: tarfile.TarFile, member: tarfile.TarInfo) -> bytes:
     """Return a member's content; `tarfile` raises an error if it is truncated."""
     stream = archive.extractfile(member)
     return stream.read() if stream else b""
@@ -100,7 +100,7 @@ def _take_out(file: Path, hidden: Path, manifest: Manifest) -> None:
         if different:
             raise ValueError(f"{min(different)!r} is either in it or in its list of files, not in both")
         for name, member in members.items():
-            write_synced(hidden / name, _content(archive, member))
+            write_synced(hidden / name, _read_content(archive, member))
 
 
 def _check_whole(file: Path, hidden: Path, manifest: Manifest) -> None:
@@ -109,16 +109,16 @@ def _check_whole(file: Path, hidden: Path, manifest: Manifest) -> None:
     Raises:
         ValueError: something differs.
     """
-    found = hashes(hidden)
+    found = hash_files(hidden)
     altered = [name for name, digest in manifest.files.items() if found.get(name) != digest]
     if altered:
         raise ValueError(f"{altered[0]!r} in it was altered: its SHA-256 differs")
     with file.open("rb") as stream:
         held = hashlib.file_digest(stream, "sha256").hexdigest()
-    if _digest_again(hidden, manifest) != held:
+    if _compute_digest(hidden, manifest) != held:
         raise ValueError("it was altered outside of its files")
     try:
-        if content_hash(read(hidden)) != manifest.content_hash:
+        if hash_content(read(hidden)) != manifest.content_hash:
             raise ValueError("its rows have another content hash than it says")
         check_unchanged(hidden, manifest)
     except NasError as error:
@@ -126,7 +126,7 @@ def _check_whole(file: Path, hidden: Path, manifest: Manifest) -> None:
         raise ValueError(f"it holds no sound dataset: {reason}") from None
 
 
-def _digest_again(root: Path, manifest: Manifest) -> str:
+def _compute_digest(root: Path, manifest: Manifest) -> str:
     """Return the SHA-256 of the pack that a folder's files give."""
     sink = _Digest()
     write_pack(root, manifest, sink)
@@ -163,8 +163,8 @@ def _settle(hidden: Path, home: Path, manifest: Manifest) -> Path:
 def _is_same(path: Path, manifest: Manifest) -> bool:
     """Whether a dataset has a pack's rows; its files too if it has features that the content hash leaves out."""
     try:
-        carries = other_features(read_info(path))
-        return content_hash(read(path)) == manifest.content_hash and (not carries or hashes(path) == manifest.files)
+        carries = describe_other_features(read_info(path))
+        return hash_content(read(path)) == manifest.content_hash and (not carries or hash_files(path) == manifest.files)
     except NasError:
         return False
 

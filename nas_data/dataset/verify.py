@@ -13,13 +13,13 @@ from nas_data.count_of import count_of
 from nas_data.dataset import layout
 from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.audits.base import AuditFinding
-from nas_data.dataset.content import content_hash
+from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import NEXT_STATE, STATE, Feature
 from nas_data.dataset.parquet import read_parquet
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import STAMP_TOLERANCE, Rows, read
-from nas_data.dataset.staging import leftovers
+from nas_data.dataset.staging import find_leftovers
 from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import VERSION, resolve
 from nas_data.errors import DatasetInvalid, JointMismatch
@@ -79,11 +79,11 @@ def examine(path: Path) -> Findings:
     """Return the problems of a dataset and further notes; raises as `verify` does."""
     root = resolve(path)
     layout.read_info(root)
-    problems = list(_leftovers(root))
+    problems = list(_report_leftovers(root))
     provenance = None
     try:
         provenance = read_provenance(root)
-        problems += _files(root, provenance)
+        problems += _check_files(root, provenance)
         automatic = {key: Feature((key,), dtype=dtype) for key, dtype in layout.AUTOMATIC.items()}
         rows = Rows.read(root, automatic)
         rows.sort(root)
@@ -95,17 +95,17 @@ def examine(path: Path) -> Findings:
     return Findings(tuple(problems), tuple(note for check in NOTES for note in check(evidence)))
 
 
-def _leftovers(root: Path) -> Iterator[str]:
+def _report_leftovers(root: Path) -> Iterator[str]:
     """Report hidden folders of killed writers beside this dataset."""
     home = root.resolve()
-    for path in leftovers(home.parent, "*" if VERSION.fullmatch(home.name) else home.name):
+    for path in find_leftovers(home.parent, "*" if VERSION.fullmatch(home.name) else home.name):
         yield (
             f"{path} is a half-written dataset that a killed process left; it was never part of this one: "
             "rescue what it holds with 'nas recover', or delete it."
         )
 
 
-def _files(root: Path, provenance: Provenance | None) -> Iterator[str]:
+def _check_files(root: Path, provenance: Provenance | None) -> Iterator[str]:
     """Compare every file with its SHA-256 in the provenance."""
     if provenance is None:
         yield (
@@ -119,15 +119,15 @@ def _files(root: Path, provenance: Provenance | None) -> Iterator[str]:
             yield f"{root / name} is missing; restore it from a copy."
         elif hashlib.sha256((root / name).read_bytes()).hexdigest() != digest:
             yield f"{root / name} was changed after nas wrote it (its SHA-256 differs)."
-    present = [*layout.data_files(root), *layout.episode_files(root)]
+    present = [*layout.list_data_files(root), *layout.list_episode_files(root)]
     for path in present:
         if path.relative_to(root).as_posix() not in provenance.files:
             yield f"{path} was added after nas wrote the dataset (LeRobot appended episodes?)."
 
 
-def _content(evidence: VerifyInput) -> Iterator[str]:
+def _check_content(evidence: VerifyInput) -> Iterator[str]:
     """Compare the content hash with the provenance and the version's name."""
-    digest = content_hash(evidence.dataset)
+    digest = hash_content(evidence.dataset)
     recorded = evidence.provenance.content_hash if evidence.provenance else digest
     if recorded != digest:
         yield (
@@ -139,7 +139,7 @@ def _content(evidence: VerifyInput) -> Iterator[str]:
         yield f"The folder is named {version.group(0)}, the content hash begins with {digest[:8]}."
 
 
-def _indices(evidence: VerifyInput) -> Iterator[str]:
+def _check_indices(evidence: VerifyInput) -> Iterator[str]:
     """Check LeRobot's automatic columns against the episodes."""
     dataset, columns = evidence.dataset, evidence.rows.columns
     frame = np.arange(dataset.n_frames) - np.repeat(dataset.starts, dataset.lengths)
@@ -155,11 +155,11 @@ def _indices(evidence: VerifyInput) -> Iterator[str]:
         yield f"timestamp is not frame_index / fps ({_locate(dataset, late[0])}); LeRobot's loaders rely on it."
 
 
-def _episodes(evidence: VerifyInput) -> Iterator[str]:
+def _check_episodes(evidence: VerifyInput) -> Iterator[str]:
     """Check the episode table against the rows."""
     dataset = evidence.dataset
     wanted = ["episode_index", "length", "dataset_from_index", "dataset_to_index"]
-    tables = [read_parquet(path, wanted) for path in layout.episode_files(evidence.root)]
+    tables = [read_parquet(path, wanted) for path in layout.list_episode_files(evidence.root)]
     if not tables or any(key not in table.column_names for table in tables for key in wanted):
         yield f"{evidence.root / 'meta/episodes'} holds no complete episode table; restore it from a copy."
         return
@@ -191,7 +191,7 @@ def _passed_through(evidence: VerifyInput) -> Iterator[str]:
         yield str(error)
 
 
-def _statistics(evidence: VerifyInput) -> Iterator[str]:
+def _check_statistics(evidence: VerifyInput) -> Iterator[str]:
     """Compare `meta/stats.json`, which policies normalise with, with the values."""
     path = evidence.root / layout.STATS
     stats = layout.read_json(path)
@@ -205,12 +205,12 @@ def _statistics(evidence: VerifyInput) -> Iterator[str]:
                 yield f"{path} has another {name} of '{key}' than the data; policies would be normalised wrongly."
 
 
-def _recording(evidence: VerifyInput) -> Iterator[str]:
+def _report_audit_problems(evidence: VerifyInput) -> Iterator[str]:
     """Report errors of the audits (clock against rate, angles in degrees), and readings stored twice."""
     return (f"In {finding.file} {finding.what}." for finding in evidence.findings if _is_problem(finding))
 
 
-def _noticed(evidence: VerifyInput) -> Iterator[str]:
+def _report_audit_notes(evidence: VerifyInput) -> Iterator[str]:
     """Note the other findings of the audits."""
     return (f"In {finding.file} {finding.what}." for finding in evidence.findings if not _is_problem(finding))
 
@@ -219,7 +219,7 @@ def _is_problem(finding: AuditFinding) -> bool:
     return finding.error or finding.check == "repeated_time"
 
 
-def _gaps(evidence: VerifyInput) -> np.ndarray:
+def _find_discontinuities(evidence: VerifyInput) -> np.ndarray:
     """Return the frames whose next state is not the following frame's state."""
     dataset = evidence.dataset
     if NEXT_STATE not in dataset.features or STATE not in dataset.features:
@@ -232,17 +232,17 @@ def _gaps(evidence: VerifyInput) -> np.ndarray:
     return rows[(dataset.next_states[rows] != dataset.states[rows + 1]).any(axis=1)]
 
 
-def _continuity(evidence: VerifyInput) -> Iterator[str]:
+def _check_continuity(evidence: VerifyInput) -> Iterator[str]:
     """Report discontinuous transitions in a recording that its provenance calls contiguous."""
-    gaps = _gaps(evidence)
+    gaps = _find_discontinuities(evidence)
     if len(gaps) and evidence.provenance is not None and evidence.provenance.contiguous:
         first = _locate(evidence.dataset, gaps[0])
         yield f"In {count_of(len(gaps), 'frame')} the next state is not the following frame's state (first: {first})."
 
 
-def _loose(evidence: VerifyInput) -> Iterator[str]:
+def _note_discontinuities(evidence: VerifyInput) -> Iterator[str]:
     """Note discontinuous transitions in other recordings."""
-    gaps = _gaps(evidence)
+    gaps = _find_discontinuities(evidence)
     if len(gaps) and not (evidence.provenance is not None and evidence.provenance.contiguous):
         yield (
             f"In {count_of(len(gaps), 'frame')} the next state is not the following frame's state: open loops need "
@@ -256,12 +256,12 @@ def _locate(dataset: Dataset, row: np.integer) -> str:
 
 
 # Checks of what can be recomputed from the rows.
-METADATA: tuple[Callable[[VerifyInput], Iterator[str]], ...] = (_indices, _episodes, _statistics)
+METADATA: tuple[Callable[[VerifyInput], Iterator[str]], ...] = (_check_indices, _check_episodes, _check_statistics)
 PROBLEMS: tuple[Callable[[VerifyInput], Iterator[str]], ...] = (
-    _content,
+    _check_content,
     *METADATA,
     _passed_through,
-    _recording,
-    _continuity,
+    _report_audit_problems,
+    _check_continuity,
 )
-NOTES: tuple[Callable[[VerifyInput], Iterator[str]], ...] = (_noticed, _loose)
+NOTES: tuple[Callable[[VerifyInput], Iterator[str]], ...] = (_report_audit_notes, _note_discontinuities)

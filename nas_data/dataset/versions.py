@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from nas_data.dataset.checks import check_storable
-from nas_data.dataset.content import content_hash
+from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.layout import INFO, SOURCE, SOURCE_EFFECTS, other_features, read_info, tools
+from nas_data.dataset.layout import INFO, SOURCE, SOURCE_EFFECTS, describe_other_features, read_info, tools
 from nas_data.dataset.provenance import Parent, Provenance, read_provenance
 from nas_data.dataset.staging import check_creatable, lock_folder, publish, staging_folder
 from nas_data.dataset.write import fill, write
@@ -45,7 +45,7 @@ def list_versions(folder: Path) -> list[Path]:
     return sorted(found, key=lambda path: (_number(path), path.name))
 
 
-def paired_below(root: Path) -> Path | None:
+def find_paired_version(root: Path) -> Path | None:
     """Return the newest paired version in a dataset's folder; `nas pair` writes it there if that is datasets/NAME."""
     paired = [path for path in list_versions(root) if (path / SOURCE).is_file()]
     return paired[-1] if paired else None
@@ -65,29 +65,29 @@ def check_paired(root: Path, dataset: Dataset, who: str, otherwise: str = "") ->
     """
     if dataset.paired:
         return
-    below = paired_below(root)
+    below = find_paired_version(root)
     remedy = f"give its paired version, {below}" if below else f"run `nas pair {root}` first"
     lacking = f"{who} learns from the source's predictions, which {root} does not hold"
     raise DatasetInvalid(f"{lacking}: {remedy}{otherwise}.")
 
 
-def identity(path: Path) -> str:
+def find_dataset_name(path: Path) -> str:
     """Return the name of a dataset in provenance: `name/version` for a version, else its folder's name."""
     root = resolve(path).resolve()
     return f"{root.parent.name}/{root.name}" if VERSION.fullmatch(root.name) else root.name
 
 
-def parent_of(path: Path, dataset: Dataset) -> Parent:
+def make_parent(path: Path, dataset: Dataset) -> Parent:
     """Return the entry of a parent in the provenance of a derived dataset.
 
     Args:
         path: Folder of the parent.
         dataset: The parent as read, before anything was derived.
     """
-    return Parent(name=identity(path), content_hash=content_hash(dataset))
+    return Parent(name=find_dataset_name(path), content_hash=hash_content(dataset))
 
 
-def new_version(
+def write_version(
     dataset: Dataset,
     name: str,
     provenance: Provenance,
@@ -111,11 +111,11 @@ def new_version(
     """
     check_name(name)
     check_storable(dataset, "The dataset to be written")
-    digest = content_hash(dataset)
+    digest = hash_content(dataset)
     home = folder / name
     written = {name: hashlib.sha256(content).hexdigest() for name, content in (attachments or {}).items()}
     carries = dataset.carried is not None or dataset.frame_tasks is not None
-    existing = None if carries else _same_content(home, digest, written, damaged)
+    existing = None if carries else _find_same_version(home, digest, written, damaged)
     if existing:
         return existing
     with staging_folder(home / "version") as hidden:
@@ -146,8 +146,8 @@ def settle(hidden: Path, home: Path, digest: str, number: int = 0, damaged: Path
         staged_provenance = read_provenance(hidden)
         files = staged_provenance.files if staged_provenance else {}
         info = read_info(hidden)
-        carries = bool(other_features(info) or tools(info))
-        existing = _same_content(home, digest, files, damaged, carries)
+        carries = bool(describe_other_features(info) or tools(info))
+        existing = _find_same_version(home, digest, files, damaged, carries)
         if existing:
             return existing
         taken = {_number(path) for path in home.iterdir() if VERSION.fullmatch(path.name)}
@@ -158,14 +158,14 @@ def settle(hidden: Path, home: Path, digest: str, number: int = 0, damaged: Path
     return root
 
 
-def home_of(path: Path) -> tuple[Path, str]:
+def find_home(path: Path) -> tuple[Path, str]:
     """Return the destination of datasets derived from a dataset: the folder of all datasets, and the name.
 
     It is that of the version; another dataset gets its folder's name below `datasets/`.
     """
     home = path.resolve()
     if not VERSION.fullmatch(home.name):
-        return FOLDER, _folder_name(home)
+        return FOLDER, _make_dataset_name(home)
     # Keep the path as the user gave it, for short messages.
     shown = path.parent if path.parent.resolve() == home.parent and path.parent.name else home.parent
     return shown.parent, shown.name
@@ -195,8 +195,8 @@ def save(
     """
     if out is not None:
         return write(dataset, out, provenance, attachments)
-    folder, name = (FOLDER, name) if parent is None else home_of(resolve(parent))
-    return new_version(dataset, name, provenance, folder, attachments)
+    folder, name = (FOLDER, name) if parent is None else find_home(resolve(parent))
+    return write_version(dataset, name, provenance, folder, attachments)
 
 
 def check_destination(*, out: Path | None = None, name: str = "dataset", parent: Path | None = None) -> None:
@@ -209,12 +209,12 @@ def check_destination(*, out: Path | None = None, name: str = "dataset", parent:
     """
     if out is not None:
         return check_creatable(out)
-    folder, name = (FOLDER, name) if parent is None else home_of(resolve(parent))
+    folder, name = (FOLDER, name) if parent is None else find_home(resolve(parent))
     check_name(name)
     return check_creatable(folder / name / "version")
 
 
-def _folder_name(root: Path) -> str:
+def _make_dataset_name(root: Path) -> str:
     """Return the dataset name that a folder gives."""
     return re.sub(r"[^A-Za-z0-9._-]+", "_", root.name).lstrip("._-") or "dataset"
 
@@ -224,12 +224,12 @@ def _number(path: Path) -> int:
     return int(match.group(1)) if match else 0
 
 
-def _source_of(files: Mapping[str, str]) -> dict[str, str]:
+def _select_source_hashes(files: Mapping[str, str]) -> dict[str, str]:
     """Return the hashes of the source model's files; equal rows with another source are another version."""
     return {name: files[name] for name in (SOURCE, SOURCE_EFFECTS) if name in files}
 
 
-def _same_content(
+def _find_same_version(
     home: Path, digest: str, files: Mapping[str, str], damaged: Path | None = None, carries: bool = False
 ) -> Path | None:
     """Return the newest version with a content hash and the same source model.
@@ -247,7 +247,7 @@ def _same_content(
 
     def identity(hashes: Mapping[str, str]) -> dict[str, str]:
         stored = {name: value for name, value in hashes.items() if name.startswith(CARRYING)}
-        return _source_of(hashes) | (stored if carries else {})
+        return _select_source_hashes(hashes) | (stored if carries else {})
 
     for path in reversed(list_versions(home)):
         if path.name.endswith(digest[:8]) and not (damaged and path.samefile(damaged)):

@@ -14,13 +14,13 @@ import pyarrow.parquet as pq
 
 from nas_data.dataset import layout
 from nas_data.dataset.card import render_card
-from nas_data.dataset.carried import overall as overall_of
+from nas_data.dataset.carried import combine_statistics as overall_of
 from nas_data.dataset.checks import check_storable
-from nas_data.dataset.content import content_hash, stored_column
+from nas_data.dataset.content import convert_column, hash_content
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.provenance import Provenance
 from nas_data.dataset.staging import publish, refuse_existing, staging_folder, write_synced
-from nas_data.dataset.statistics import Statistics, statistics
+from nas_data.dataset.statistics import Statistics, compute_statistics
 from nas_data.dataset.videos import VIDEO, VIDEO_PATH, place_videos
 
 
@@ -42,7 +42,7 @@ def write(dataset: Dataset, root: Path, provenance: Provenance, attachments: Map
     """
     refuse_existing(root)
     check_storable(dataset, "The dataset to be written")
-    complete = replace(provenance, content_hash=content_hash(dataset))
+    complete = replace(provenance, content_hash=hash_content(dataset))
     with staging_folder(root) as hidden:
         fill(hidden, dataset, complete, attachments or {})
         publish(hidden, root)
@@ -57,13 +57,13 @@ def fill(folder: Path, dataset: Dataset, provenance: Provenance, attachments: Ma
     places, videos = place_videos(folder, clips)
     with ThreadPoolExecutor(max_workers=1) as disk:
         hashes |= {name: disk.submit(_hash, path) for name, path in videos.items()}
-        for name, content in _files(dataset, attachments, places):
+        for name, content in _make_files(dataset, attachments, places):
             # A file is written while the next one is built, so at most two are in memory.
             for earlier in hashes.values():
                 earlier.result()
             hashes[name] = disk.submit(_put_hashed, folder / name, content)
     complete = replace(provenance, files={name: found.result() for name, found in hashes.items()})
-    write_synced(folder / layout.PROVENANCE, json_bytes(complete.to_json()))
+    write_synced(folder / layout.PROVENANCE, encode_json(complete.to_json()))
     write_synced(folder / layout.CARD, render_card(dataset, complete).encode())
 
 
@@ -79,7 +79,7 @@ def _put_hashed(path: Path, content: bytes | memoryview) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def _files(
+def _make_files(
     dataset: Dataset, attachments: Mapping[str, bytes], places: Mapping[str, list[object]]
 ) -> Iterator[tuple[str, bytes | memoryview]]:
     """Make each file of the dataset but videos, card and provenance: its path and content.
@@ -90,21 +90,21 @@ def _files(
         places: Columns of the episode table that locate the videos.
     """
     tasks = dataset.all_tasks
-    columns = {key: stored_column(dataset, key) for key in dataset.features}
-    columns |= automatic_columns(dataset, tasks)
+    columns = {key: convert_column(dataset, key) for key in dataset.features}
+    columns |= make_automatic_columns(dataset, tasks)
     # Metadata come first, so that the files of a killed writer can be recovered.
-    yield layout.INFO, json_bytes(info_of(dataset, len(tasks)))
-    yield layout.TASKS, parquet(_task_table(tasks))
+    yield layout.INFO, encode_json(make_info(dataset, len(tasks)))
+    yield layout.TASKS, encode_parquet(_make_task_table(tasks))
     row_bytes = sum(column.itemsize * column.shape[1] for column in columns.values())
     carried = dataset.carried
     files = split_episodes(dataset.lengths, row_bytes + (carried.row_bytes if carried else 0))
     # NumPy sorts and Arrow encodes without the GIL, so both run in parallel.
     with ThreadPoolExecutor(max_workers=1) as beside:
-        statistics_later = beside.submit(statistics, columns, dataset.lengths)
+        statistics_later = beside.submit(compute_statistics, columns, dataset.lengths)
         for number, episodes in enumerate(files):
-            yield layout.numbered_path(layout.DATA_TEMPLATE, number), data_file(columns, dataset, episodes)
+            yield layout.make_numbered_path(layout.DATA_TEMPLATE, number), make_data_file(columns, dataset, episodes)
         found = statistics_later.result()
-    table = episode_table(dataset, files, found)
+    table = make_episode_table(dataset, files, found)
     table = pa.table({**{key: table[key] for key in table.column_names}, **{k: pa.array(v) for k, v in places.items()}})
     seen = carried.statistics(dataset.starts) if carried else []
     for key in dict.fromkeys(key for entry in seen for key in entry):
@@ -114,14 +114,14 @@ def _files(
         here = {"meta/episodes/chunk_index": number // layout.FILES_PER_CHUNK}
         here["meta/episodes/file_index"] = number % layout.FILES_PER_CHUNK
         for key, value in here.items():
-            part = part.append_column(key, numbers(np.full(len(part), value, np.int64)))
-        yield layout.numbered_path(layout.EPISODES_TEMPLATE, number), parquet(part)
+            part = part.append_column(key, make_number_array(np.full(len(part), value, np.int64)))
+        yield layout.make_numbered_path(layout.EPISODES_TEMPLATE, number), encode_parquet(part)
     overall = {key: {name: values.tolist() for name, values in entry.overall.items()} for key, entry in found.items()}
-    yield layout.STATS, json_bytes({**overall, **overall_of(seen)})
+    yield layout.STATS, encode_json({**overall, **overall_of(seen)})
     yield from attachments.items()
 
 
-def automatic_columns(dataset: Dataset, tasks: list[str]) -> dict[str, np.ndarray]:
+def make_automatic_columns(dataset: Dataset, tasks: list[str]) -> dict[str, np.ndarray]:
     """Return the columns that LeRobot adds to every dataset, shape (N, 1) each."""
     lengths = np.asarray(dataset.lengths, np.int64)
     index = np.arange(dataset.n_frames)
@@ -153,13 +153,13 @@ def split_episodes(lengths: np.ndarray, row_bytes: int) -> list[range]:
     return [*files, range(start, len(lengths))]
 
 
-def data_file(columns: Mapping[str, np.ndarray], dataset: Dataset, episodes: range) -> memoryview:
+def make_data_file(columns: Mapping[str, np.ndarray], dataset: Dataset, episodes: range) -> memoryview:
     """Return a Parquet file of some episodes, one row group an episode as LeRobot has it."""
     lengths, carried = dataset.lengths, dataset.carried
     first, last = int(lengths[: episodes.start].sum()), int(lengths[: episodes.stop].sum())
-    arrays = {key: _arrow(column[first:last]) for key, column in columns.items()}
+    arrays = {key: _convert_to_arrow(column[first:last]) for key, column in columns.items()}
     further = carried.columns(first, lengths[episodes.start : episodes.stop], dataset.fps) if carried else {}
-    metadata = _huggingface(columns, carried.huggingface() if carried else {})
+    metadata = _make_huggingface_metadata(columns, carried.huggingface() if carried else {})
     table = pa.table({**arrays, **further}).replace_schema_metadata(metadata)
     stream = pa.BufferOutputStream()
     # Dictionaries make files of floats larger and twice as slow, those of messages that every frame repeats ten times
@@ -190,13 +190,13 @@ def _texts_of(kind: pa.DataType, path: str) -> Iterator[str]:
         yield path
 
 
-def _arrow(column: np.ndarray) -> pa.Array:
+def _convert_to_arrow(column: np.ndarray) -> pa.Array:
     """Return a column as LeRobot stores it: a scalar where the width is 1, else a list of fixed size."""
-    flat = numbers(column.reshape(-1))
+    flat = make_number_array(column.reshape(-1))
     return flat if column.shape[1] == 1 else pa.FixedSizeListArray.from_arrays(flat, column.shape[1])
 
 
-def _huggingface(columns: Mapping[str, np.ndarray], further: Mapping[str, object]) -> dict[str, str]:
+def _make_huggingface_metadata(columns: Mapping[str, np.ndarray], further: Mapping[str, object]) -> dict[str, str]:
     """Return the schema metadata that `datasets.Features` would write, those of further columns as they were."""
     entries: dict[str, object] = {}
     for key, column in columns.items():
@@ -205,30 +205,32 @@ def _huggingface(columns: Mapping[str, np.ndarray], further: Mapping[str, object
     return {"huggingface": json.dumps({"info": {"features": {**entries, **further}}})}
 
 
-def episode_table(dataset: Dataset, files: list[range], found: Mapping[str, Statistics]) -> pa.Table:
+def make_episode_table(dataset: Dataset, files: list[range], found: Mapping[str, Statistics]) -> pa.Table:
     """Return the table of `meta/episodes`: location and statistics of each episode."""
     lengths = np.asarray(dataset.lengths, np.int64)
     number = np.repeat(np.arange(len(files)), [len(episodes) for episodes in files])
     tasks = dataset.episode_tasks
     columns: dict[str, pa.Array] = {
-        "episode_index": numbers(np.arange(len(lengths))),
-        "tasks": lists(texts([task for found in tasks for task in found]), [len(found) for found in tasks]),
-        "length": numbers(lengths),
-        "data/chunk_index": numbers(number // layout.FILES_PER_CHUNK),
-        "data/file_index": numbers(number % layout.FILES_PER_CHUNK),
-        "dataset_from_index": numbers(dataset.starts),
-        "dataset_to_index": numbers(dataset.starts + lengths),
+        "episode_index": make_number_array(np.arange(len(lengths))),
+        "tasks": make_list_array(
+            make_text_array([task for found in tasks for task in found]), [len(found) for found in tasks]
+        ),
+        "length": make_number_array(lengths),
+        "data/chunk_index": make_number_array(number // layout.FILES_PER_CHUNK),
+        "data/file_index": make_number_array(number % layout.FILES_PER_CHUNK),
+        "dataset_from_index": make_number_array(dataset.starts),
+        "dataset_to_index": make_number_array(dataset.starts + lengths),
     }
     for key, entry in found.items():
         for name, values in entry.episodes.items():
             widths = np.full(len(lengths), values.shape[1])
-            columns[f"stats/{key}/{name}"] = lists(numbers(values.reshape(-1)), widths)
+            columns[f"stats/{key}/{name}"] = make_list_array(make_number_array(values.reshape(-1)), widths)
     return pa.table(columns)
 
 
-def _task_table(tasks: list[str]) -> pa.Table:
+def _make_task_table(tasks: list[str]) -> pa.Table:
     """Return the table of tasks with the pandas index that both LeRobot versions look tasks up in."""
-    table = pa.table({"task_index": numbers(np.arange(len(tasks))), "task": texts(tasks)})
+    table = pa.table({"task_index": make_number_array(np.arange(len(tasks))), "task": make_text_array(tasks)})
     kinds = {"task_index": ("int64", "int64"), "task": ("unicode", "object")}
     columns = [
         {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": numpy, "metadata": None}
@@ -238,7 +240,7 @@ def _task_table(tasks: list[str]) -> pa.Table:
     return table.replace_schema_metadata({"pandas": json.dumps(pandas)})
 
 
-def info_of(dataset: Dataset, n_tasks: int) -> dict[str, object]:
+def make_info(dataset: Dataset, n_tasks: int) -> dict[str, object]:
     """Return `meta/info.json` as both LeRobot versions write it."""
     features = {key: feature.to_info() for key, feature in dataset.features.items()}
     further = dataset.carried.features if dataset.carried else {}
@@ -263,19 +265,19 @@ def info_of(dataset: Dataset, n_tasks: int) -> dict[str, object]:
     return info | {"tools": tools} if tools else info
 
 
-def parquet(table: pa.Table) -> memoryview:
+def encode_parquet(table: pa.Table) -> memoryview:
     """Return a table as a Parquet file."""
     stream = pa.BufferOutputStream()
     pq.write_table(table, stream, use_dictionary=False)
     return memoryview(stream.getvalue())
 
 
-def json_bytes(content: Mapping[str, object]) -> bytes:
+def encode_json(content: Mapping[str, object]) -> bytes:
     """Return an object as a JSON file."""
     return json.dumps(content, indent=4, ensure_ascii=False, allow_nan=False).encode()
 
 
-def numbers(values: np.ndarray) -> pa.Array:
+def make_number_array(values: np.ndarray) -> pa.Array:
     """Return numbers or booleans, shape (N,), as an Arrow array; numbers are not copied.
 
     `pyarrow.array` would first import pandas, which takes longer than the rest.
@@ -285,14 +287,14 @@ def numbers(values: np.ndarray) -> pa.Array:
     return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), len(values), [None, pa.py_buffer(stored)])
 
 
-def texts(values: Sequence[str]) -> pa.StringArray:
+def make_text_array(values: Sequence[str]) -> pa.StringArray:
     """Return texts as an Arrow array."""
     encoded = [value.encode() for value in values]
     offsets = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
     return pa.StringArray.from_buffers(len(encoded), pa.py_buffer(offsets), pa.py_buffer(b"".join(encoded)))
 
 
-def lists(values: pa.Array, lengths: Sequence[int] | np.ndarray) -> pa.ListArray:
+def make_list_array(values: pa.Array, lengths: Sequence[int] | np.ndarray) -> pa.ListArray:
     """Return consecutive values as an array of lists with the given lengths."""
     offsets = np.cumsum([0, *lengths], dtype=np.int32)
-    return pa.ListArray.from_arrays(numbers(offsets), values)
+    return pa.ListArray.from_arrays(make_number_array(offsets), values)

@@ -13,8 +13,8 @@ from nas_data import registry
 from nas_data.effects.edits.derived_servo_values import fix_derived_values
 from nas_data.effects.edits.hook import StepHook
 from nas_data.errors import JointMismatch, NasError, OptionError
-from nas_data.joint_units import unit_at
-from nas_data.mjcf.actuator_lookup import driven_joint
+from nas_data.joint_units import convert_hinge_unit
+from nas_data.mjcf.actuator_lookup import find_driven_joint
 
 DETAIL_START = 1e-3  # initial value of an optional parameter over its spread, just off neutral, so that it is fitted
 
@@ -25,7 +25,7 @@ class Parameter:
 
     Attributes:
         name: Field of the effect.
-        unit: Unit at a hinge; empty for a ratio. `joint_units.unit_at` gives the unit at a slide.
+        unit: Unit at a hinge; empty for a ratio. `joint_units.convert_hinge_unit` gives the unit at a slide.
         low: Lower bound.
         high: Upper bound.
         neutral: Value at which the effect changes nothing.
@@ -43,7 +43,7 @@ class Parameter:
     @property
     def units(self) -> str:
         """The unit at a hinge, and the unit at a slide if it differs."""
-        other = unit_at(self.unit, slide=True)
+        other = convert_hinge_unit(self.unit, slide=True)
         return self.unit if other == self.unit else f"{self.unit} ({other} at a slide)"
 
 
@@ -122,7 +122,7 @@ class Effect:
     @classmethod
     def name(cls) -> str:
         """Return the effect's name: the class name in snake case, which is the name of its file."""
-        return registry.snake_case(cls.__name__)
+        return registry.to_snake_case(cls.__name__)
 
     @classmethod
     def neutral(cls, joint: str | None = None) -> Self:
@@ -193,7 +193,8 @@ class Effect:
         """
         slide = self.joint in slides
         values = {
-            p.name: {"value": getattr(self, p.name), "unit": unit_at(p.unit, slide)} for p in self.free_parameters
+            p.name: {"value": getattr(self, p.name), "unit": convert_hinge_unit(p.unit, slide)}
+            for p in self.free_parameters
         }
         return {"effect": self.name(), "joint": self.joint, "parameters": values}
 
@@ -204,7 +205,7 @@ def find_effect(name: str) -> type[Effect]:
     Raises:
         UnknownName: there is no such effect; the message lists the known ones.
     """
-    return registry.plugin("effects", name, "effect", Effect)
+    return registry.find_plugin("effects", name, "effect", Effect)
 
 
 def make_effect(name: str, joint: str | None, values: Mapping[str, object]) -> Effect:
@@ -307,13 +308,13 @@ def add_effects(spec: mujoco.MjSpec, effects: Iterable[Effect]) -> None:
             effect.edit(spec)
 
 
-def joint_actuator(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsActuator:
+def find_joint_actuator(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsActuator:
     """Return the actuator that drives a joint; of several, the first with position feedback.
 
     Raises:
         JointMismatch: no actuator drives the joint.
     """
-    driving = [actuator for actuator in spec.actuators if driven_joint(spec, actuator) == joint]
+    driving = [actuator for actuator in spec.actuators if find_driven_joint(spec, actuator) == joint]
     if not driving:
         raise JointMismatch(f"No actuator of the model drives the joint '{joint}'.")
     return min(driving, key=lambda actuator: actuator.biasprm[1] == 0)

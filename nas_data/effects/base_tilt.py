@@ -36,10 +36,10 @@ class BaseTilt(Effect):
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Rotate gravity by the inverse rotation; the base does not move."""
-        spec.option.gravity = rotation(self.roll, self.pitch).T @ spec.option.gravity
+        spec.option.gravity = compute_rotation_matrix(self.roll, self.pitch).T @ spec.option.gravity
 
 
-def rotation(roll: float, pitch: float) -> np.ndarray:
+def compute_rotation_matrix(roll: float, pitch: float) -> np.ndarray:
     """Return the base's rotation matrix, shape (3, 3): roll [rad] about x, then pitch [rad] about the fixed y axis."""
     sin_roll, cos_roll = math.sin(roll), math.cos(roll)
     sin_pitch, cos_pitch = math.sin(pitch), math.cos(pitch)

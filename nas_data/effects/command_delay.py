@@ -8,7 +8,7 @@ from typing import ClassVar
 import mujoco
 
 from nas_data.effects.base import Effect, Parameter, Scales
-from nas_data.effects.edits.servo import actuators_of
+from nas_data.effects.edits.servo import find_actuators
 
 LINEAR = 1  # linear interpolation between samples, for delays that are no multiple of the timestep
 
@@ -37,7 +37,7 @@ class CommandDelay(Effect):
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Give the actuators a delay line; delays of the arm and of a joint add up."""
-        for actuator in actuators_of(spec, self.joint):
+        for actuator in find_actuators(spec, self.joint):
             actuator.delay += self.delay
             # the additional sample makes the oldest one at least as old as the delay
             actuator.nsample = math.ceil(actuator.delay / spec.option.timestep) + 1

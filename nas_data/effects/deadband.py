@@ -8,7 +8,7 @@ import mujoco
 
 from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.effects.edits.band import add_band
-from nas_data.effects.edits.servo import position_servo
+from nas_data.effects.edits.servo import find_position_servo
 from nas_data.errors import ModelFileError
 
 
@@ -44,7 +44,7 @@ class Deadband(Effect):
             ModelFileError: no position servo drives the joint, or the servo has an integral gain.
         """
         assert self.joint is not None
-        servo = position_servo(spec, self.joint, self.name())
+        servo = find_position_servo(spec, self.joint, self.name())
         if servo.gaintype == mujoco.mjtGain.mjGAIN_PID and servo.gainprm[0]:
             raise ModelFileError(
                 f"{self.name()} cannot be added to the actuator '{servo.name}', whose integral gain would overcome it; "

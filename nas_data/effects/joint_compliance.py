@@ -8,7 +8,7 @@ from typing import ClassVar
 import mujoco
 
 from nas_data.effects.base import Effect, Parameter, Scales
-from nas_data.effects.edits.series import add_series_joint, lacking_inertia
+from nas_data.effects.edits.series import add_series_joint, compute_missing_armature
 
 LOSS_TIME = 1e-3  # [s] damping over stiffness: damping ratio 0.05 at 100 rad/s, typical of plastic gears
 
@@ -43,4 +43,4 @@ class JointCompliance(Effect):
         flex.stiffness = [total, 0.0, 0.0]
         flex.damping = [total * LOSS_TIME, 0.0, 0.0]
         # the timestep must resolve the spring's oscillation; armature is added only if the link is too light for that
-        flex.armature = max(flex.armature, lacking_inertia(spec, self.joint, total * spec.option.timestep**2))
+        flex.armature = max(flex.armature, compute_missing_armature(spec, self.joint, total * spec.option.timestep**2))

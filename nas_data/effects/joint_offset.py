@@ -7,7 +7,7 @@ from typing import ClassVar
 import mujoco
 
 from nas_data.effects.base import Effect, Parameter, Scales
-from nas_data.effects.edits.servo import position_servo, shift_rest
+from nas_data.effects.edits.servo import find_position_servo, shift_rest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,4 +30,4 @@ class JointOffset(Effect):
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Shift the servo's rest position by the offset."""
         assert self.joint is not None
-        shift_rest(spec, self.joint, position_servo(spec, self.joint, self.name()), self.offset)
+        shift_rest(spec, self.joint, find_position_servo(spec, self.joint, self.name()), self.offset)

@@ -7,12 +7,12 @@ from typing import ClassVar, Self
 import mujoco
 import numpy as np
 
-from nas_data.effects.base import Effect, Parameter, Scales, joint_actuator
+from nas_data.effects.base import Effect, Parameter, Scales, find_joint_actuator
 from nas_data.effects.coulomb_friction import CoulombFriction
 from nas_data.effects.edits.holding import stiffen_friction
 from nas_data.effects.edits.hook import StepForces, StepHook
 from nas_data.effects.edits.press import press_pad
-from nas_data.mjcf.actuator_lookup import leverage, servo_actuators
+from nas_data.mjcf.actuator_lookup import compute_leverage, find_servo_actuators
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +53,7 @@ class LoadFriction(Effect):
             JointMismatch: no actuator drives the joint.
         """
         assert self.joint is not None
-        joint_actuator(spec, self.joint)
+        find_joint_actuator(spec, self.joint)
         stiffen_friction(spec, self.joint)
 
     @classmethod
@@ -65,8 +65,8 @@ class LoadFriction(Effect):
             joint = model.joint(effect.joint).id
             dof = model.jnt_dofadr[joint]
             ratios[dof] += effect.ratio
-            for actuator in servo_actuators(model, joint):
-                levers[model.actuator_outadr[actuator], dof] = leverage(model, actuator, joint)
+            for actuator in find_servo_actuators(model, joint):
+                levers[model.actuator_outadr[actuator], dof] = compute_leverage(model, actuator, joint)
             if model.jnt_actfrclimited[joint]:
                 most[dof] = np.abs(model.jnt_actfrcrange[joint]).max()
 

@@ -6,8 +6,8 @@ from typing import ClassVar
 import mujoco
 
 from nas_data.effects.base import Effect, Parameter
-from nas_data.effects.edits.objects import add_contact, collides, find_objects, find_partners
-from nas_data.mjcf.unique_name import unique_name
+from nas_data.effects.edits.objects import add_contact, can_collide, find_objects, find_partners
+from nas_data.mjcf.unique_name import make_unique_name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,9 +36,9 @@ class ObjectFriction(Effect):
         """
         model = spec.compile()
         bodies = find_objects(model, self.name())
-        geoms = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] in bodies and collides(model, geom)]
+        geoms = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] in bodies and can_collide(model, geom)]
         for index in {*geoms, *(other for geom in geoms for other in find_partners(model, geom))}:
-            spec.geoms[index].name = spec.geoms[index].name or unique_name(spec.geom, f"geom{index}")
+            spec.geoms[index].name = spec.geoms[index].name or make_unique_name(spec.geom, f"geom{index}")
         written = {frozenset((pair.geomname1, pair.geomname2)): pair for pair in spec.pairs}
         for first in geoms:
             for second in find_partners(model, first):

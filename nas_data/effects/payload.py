@@ -9,8 +9,8 @@ import numpy as np
 
 from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.errors import ModelFileError
-from nas_data.mjcf.unique_name import unique_name
-from nas_data.robots.base import actuated_joints, deepest_joint
+from nas_data.mjcf.unique_name import make_unique_name
+from nas_data.robots.base import find_deepest_joint, list_actuated_joints
 
 NAME = "payload"
 NEAR = 0.05  # [m] typical distance of a payload from the last link's centre of mass
@@ -46,7 +46,7 @@ class Payload(Effect):
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add the mass, in addition to existing payloads."""
         link, centre = find_last_centre(spec)
-        body = link.add_body(name=unique_name(spec.body, NAME), explicitinertial=True)
+        body = link.add_body(name=make_unique_name(spec.body, NAME), explicitinertial=True)
         body.pos = centre + np.array([self.x, self.y, self.z])
         body.mass, body.ipos = self.mass, np.zeros(3)
         body.inertia = np.full(3, 0.4 * self.mass * RADIUS**2)
@@ -58,13 +58,13 @@ def find_last_centre(spec: mujoco.MjSpec) -> tuple[mujoco.MjsBody, np.ndarray]:
     Raises:
         ModelFileError: the model has no actuated joint.
     """
-    joints = actuated_joints(spec)
+    joints = list_actuated_joints(spec)
     if not joints:
         raise ModelFileError("payload needs a model with an actuated joint.")
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
-    body = int(model.jnt_bodyid[model.joint(deepest_joint(spec, joints)).id])
+    body = int(model.jnt_bodyid[model.joint(find_deepest_joint(spec, joints)).id])
     world = data.subtree_com[body] - data.xpos[body]
     return spec.bodies[body], data.xmat[body].reshape(3, 3).T @ world

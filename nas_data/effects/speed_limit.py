@@ -8,7 +8,13 @@ from typing import ClassVar
 import mujoco
 
 from nas_data.effects.base import Effect, Parameter, Scales
-from nas_data.effects.edits.servo import control_per_speed, feedback, position_servo, speed_servo, take_own_unit
+from nas_data.effects.edits.servo import (
+    control_per_speed,
+    find_position_servo,
+    read_position_feedback,
+    speed_servo,
+    take_own_unit,
+)
 from nas_data.errors import ModelFileError
 
 POSITION_INPUT = 1  # the first input of a <pid>, its position setpoint, and no other
@@ -46,7 +52,7 @@ class SpeedLimit(Effect):
         if (follower := speed_servo(spec, self.joint)) is not None:
             self._limit_control(follower)
             return
-        servo = position_servo(spec, self.joint, self.name())
+        servo = find_position_servo(spec, self.joint, self.name())
         if servo.dyntype == mujoco.mjtDyn.mjDYN_PID:
             self._limit_pid(servo)
             return
@@ -57,7 +63,7 @@ class SpeedLimit(Effect):
         take_own_unit(spec, self.joint, servo)
         bias = servo.biasprm.copy()
         slewmax = self.speed * abs(float(servo.gear[0]))
-        servo.set_to_pid(kp=feedback(servo), kv=-float(bias[2]), slewmax=slewmax, ctrlspec=POSITION_INPUT)
+        servo.set_to_pid(kp=read_position_feedback(servo), kv=-float(bias[2]), slewmax=slewmax, ctrlspec=POSITION_INPUT)
         servo.biasprm = bias  # set_to_pid drops a constant bias
 
     def _limit_control(self, servo: mujoco.MjsActuator) -> None:

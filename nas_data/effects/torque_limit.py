@@ -8,7 +8,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from nas_data.effects.base import Effect, Parameter, Scales, joint_actuator
+from nas_data.effects.base import Effect, Parameter, Scales, find_joint_actuator
 from nas_data.mjcf.actuator_lookup import BAND
 
 
@@ -37,7 +37,7 @@ class TorqueLimit(Effect):
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Set the force range of the actuator and, if it has one, of the joint; with a dead band only the joint's."""
         assert self.joint is not None
-        actuator, joint = joint_actuator(spec, self.joint), spec.joint(self.joint)
+        actuator, joint = find_joint_actuator(spec, self.joint), spec.joint(self.joint)
         has_band = spec.actuator(self.joint + BAND) is not None
         if has_band or (joint.actfrclimited != mujoco.mjtLimited.mjLIMITED_FALSE and np.any(joint.actfrcrange)):
             joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_TRUE, [-self.torque, self.torque]

@@ -10,7 +10,7 @@ from gymnasium import spaces
 
 from nas_data import registry
 from nas_data.effects.base import Effect, parse
-from nas_data.environment_ids import environment_name
+from nas_data.environment_ids import make_environment_name
 from nas_data.errors import UnknownName
 from nas_data.simulators.base import Simulator, Stepper
 
@@ -176,7 +176,7 @@ def find_task_file(name: str) -> str:
     Raises:
         UnknownName: there is no such environment; lists those there are.
     """
-    files = {environment_name(task): task for task in registry.names("envs")}
+    files = {make_environment_name(task): task for task in registry.list_names("envs")}
     wanted = files.get(name.removeprefix("nas/").removesuffix("-v0"), name)
     if wanted not in files.values():
         raise UnknownName("environment", name, files)
@@ -189,4 +189,4 @@ def find_task(name: str) -> Task:
     Raises:
         UnknownName: there is no such environment; lists those there are.
     """
-    return registry.module("envs", find_task_file(name), "environment").TASK
+    return registry.import_plugin("envs", find_task_file(name), "environment").TASK

@@ -42,7 +42,7 @@ ARM = (
 )
 
 
-def touches(stepper: Stepper) -> np.ndarray:
+def detect_touches(stepper: Stepper) -> np.ndarray:
     """Return whether sword and shield touch, shape (B,), by geometry, so that all engines agree."""
     top, bottom, centre, front = (
         stepper.site_positions(site)
@@ -69,7 +69,7 @@ class ErgoShield(Task):
         missed: Share of touches that are not detected; 10 to 15 % on the authors' robots.
     """
 
-    touched: Callable[[Stepper], np.ndarray] = touches
+    touched: Callable[[Stepper], np.ndarray] = detect_touches
     missed: float = 0.0
 
     def start(self, rng: np.random.Generator) -> Start:
@@ -77,7 +77,7 @@ class ErgoShield(Task):
         poses = rng.uniform(-GUARD, GUARD, (POSES, len(JOINTS)))
         # initialised as touching: a first contact counts only after the sword was clear of the shield
         memory = np.concatenate([[1.0, 0.0, 0.0, 0.0, 0.0], poses.ravel(), rng.random(POSES)])
-        return Start(state=np.zeros(2 * len(JOINTS)), goal=memory, objects=at_rest(poses[:1])[0])
+        return Start(state=np.zeros(2 * len(JOINTS)), goal=memory, objects=make_rest_states(poses[:1])[0])
 
     def command(self, actions: np.ndarray) -> np.ndarray:
         """Return target angles [rad] of the attacker, shape (B, 6)."""
@@ -95,17 +95,17 @@ class ErgoShield(Task):
         touching = self.touched(stepper)
         new = touching & (goals[:, TOUCHING] == 0)
         goals[:, TOUCHES] += new
-        hit = new & (luck(goals) >= self.missed)
+        hit = new & (select_random_numbers(goals) >= self.missed)
         goals[:, TOUCHING], goals[:, HIT] = touching, hit
         goals[:, HITS] += hit
         due = ~hit & (elapsed % PATIENCE == 0)
         goals[hit | due, POSE] += 1
         parted, moved = np.flatnonzero(hit), np.flatnonzero(due)
         if len(parted):
-            there = at_rest(next_poses(goals[parted]))
+            there = make_rest_states(select_defender_poses(goals[parted]))
             stepper.reset(np.concatenate([np.zeros_like(there), there], axis=1), parted)
         if len(moved):
-            stepper.command_objects(next_poses(goals[moved]), moved)
+            stepper.command_objects(select_defender_poses(goals[moved]), moved)
         return goals
 
     def judge(self, stepper: Stepper, goals: np.ndarray, actions: np.ndarray) -> Verdict:
@@ -118,18 +118,18 @@ class ErgoShield(Task):
         return stepper.states[:, : len(JOINTS)] / ANGLE
 
 
-def next_poses(goals: np.ndarray) -> np.ndarray:
+def select_defender_poses(goals: np.ndarray) -> np.ndarray:
     """Return the defender's present poses [rad], shape (B, 6)."""
     poses = goals[:, KNOWN:-POSES].reshape(len(goals), POSES, len(JOINTS))
     return np.asarray(poses[np.arange(len(goals)), goals[:, POSE].astype(int) % POSES])
 
 
-def luck(goals: np.ndarray) -> np.ndarray:
+def select_random_numbers(goals: np.ndarray) -> np.ndarray:
     """Return the random number in 0 … 1 that decides whether the present touch is missed, shape (B,)."""
     return np.asarray(goals[np.arange(len(goals)), goals[:, TOUCHES].astype(int) % POSES - POSES])
 
 
-def at_rest(poses: np.ndarray) -> np.ndarray:
+def make_rest_states(poses: np.ndarray) -> np.ndarray:
     """Return the states (B, 12) of arms at rest in poses [rad] (B, 6)."""
     return np.concatenate([poses, np.zeros_like(poses)], axis=1)
 

@@ -54,13 +54,13 @@ class Pusher(Task):
 
     def observe(self, stepper: Stepper, goals: np.ndarray) -> np.ndarray:
         """Return observations, shape (B, 12)."""
-        parts = [stepper.states, stepper.site_positions(GRIPPER)[:, :2], pucks(stepper)[:, :2], goals]
+        parts = [stepper.states, stepper.site_positions(GRIPPER)[:, :2], compute_puck_positions(stepper)[:, :2], goals]
         observations = np.concatenate(parts, axis=1).astype(np.float32)
         return np.clip(observations, self.observation_space.low, self.observation_space.high)
 
     def judge(self, stepper: Stepper, goals: np.ndarray, actions: np.ndarray) -> Verdict:
         """Reward a puck close to the goal, a gripper close to the puck, and small torques."""
-        puck = pucks(stepper)
+        puck = compute_puck_positions(stepper)
         missing = np.linalg.norm(puck - with_height(goals, GOAL_HEIGHT), axis=1)
         away = np.linalg.norm(puck - stepper.site_positions(GRIPPER), axis=1)
         effort = np.square(self.command(actions)).sum(axis=1)
@@ -80,7 +80,7 @@ def draw_place(rng: np.random.Generator, limits: Sequence[tuple[float, float]]) 
     return np.array([rng.uniform(*limit) for limit in limits])
 
 
-def pucks(stepper: Stepper) -> np.ndarray:
+def compute_puck_positions(stepper: Stepper) -> np.ndarray:
     """Return the positions of the pucks [m], shape (B, 3); the scene's slides are y, then x."""
     return with_height(stepper.objects[:, 1::-1], PUCK_HEIGHT)
 

@@ -53,14 +53,19 @@ class Striker(Task):
 
     def observe(self, stepper: Stepper, goals: np.ndarray) -> np.ndarray:
         """Return observations, shape (B, 23)."""
-        parts = [stepper.states, stepper.site_positions(TIP), balls(stepper), goal_places(goals)]
+        parts = [
+            stepper.states,
+            stepper.site_positions(TIP),
+            compute_ball_positions(stepper),
+            compute_goal_positions(goals),
+        ]
         observations = np.concatenate(parts, axis=1).astype(np.float32)
         return np.clip(observations, self.observation_space.low, self.observation_space.high)
 
     def follow(self, stepper: Stepper, goals: np.ndarray, elapsed: np.ndarray) -> np.ndarray:
         """Store the smallest distance of ball and goal, and where the ball was last struck."""
-        goals, ball, tip = goals.copy(), balls(stepper), stepper.site_positions(TIP)
-        goals[:, LEAST] = np.minimum(goals[:, LEAST], np.linalg.norm(ball - goal_places(goals), axis=1))
+        goals, ball, tip = goals.copy(), compute_ball_positions(stepper), stepper.site_positions(TIP)
+        goals[:, LEAST] = np.minimum(goals[:, LEAST], np.linalg.norm(ball - compute_goal_positions(goals), axis=1))
         struck = np.linalg.norm(ball - tip, axis=1) < TOUCHED
         goals[struck, STRUCK] = 1.0
         goals[struck, WHERE] = tip[struck]
@@ -69,7 +74,7 @@ class Striker(Task):
     def judge(self, stepper: Stepper, goals: np.ndarray, actions: np.ndarray) -> Verdict:
         """Reward a ball close to the goal, a tip close to the ball before the strike, and small torques."""
         aim = np.where(goals[:, STRUCK, None] > 0, goals[:, WHERE], stepper.site_positions(TIP))
-        away = np.linalg.norm(balls(stepper) - aim, axis=1)
+        away = np.linalg.norm(compute_ball_positions(stepper) - aim, axis=1)
         effort = np.square(self.command(actions)).sum(axis=1)
         return Verdict(
             reward=-GOAL_COST * goals[:, LEAST] - EFFORT_COST * effort - REACH_COST * away,
@@ -82,13 +87,13 @@ class Striker(Task):
         return np.zeros((stepper.size, len(JOINTS)))
 
 
-def balls(stepper: Stepper) -> np.ndarray:
+def compute_ball_positions(stepper: Stepper) -> np.ndarray:
     """Return the positions of the balls [m], shape (B, 3); the scene's slides are y, then x."""
     places = stepper.objects
     return np.stack([places[:, 1], places[:, 0], np.full(len(places), BALL_HEIGHT)], axis=1)
 
 
-def goal_places(goals: np.ndarray) -> np.ndarray:
+def compute_goal_positions(goals: np.ndarray) -> np.ndarray:
     """Return the positions of the goals [m], shape (B, 3)."""
     return np.concatenate([goals[:, :2], np.full((len(goals), 1), GOAL_HEIGHT)], axis=1)
 

@@ -30,7 +30,7 @@ class Excitation:
     @classmethod
     def name(cls) -> str:
         """Return the excitation's name: the class name in snake case, which is the name of its file."""
-        return registry.snake_case(cls.__name__)
+        return registry.to_snake_case(cls.__name__)
 
     def shape(self, rng: np.random.Generator, episodes: int, steps: int, period: float, span: np.ndarray) -> np.ndarray:
         """Draw normalised commands.
@@ -96,7 +96,7 @@ def find_excitation(name: str) -> type[Excitation]:
     Raises:
         UnknownName: there is no such excitation; the message lists the known ones.
     """
-    return registry.plugin("excitations", name, "excitation", Excitation)
+    return registry.find_plugin("excitations", name, "excitation", Excitation)
 
 
 def make_excitation(name: str, values: Mapping[str, float]) -> Excitation:

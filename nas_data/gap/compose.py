@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.effects.base import Effect
-from nas_data.gap.floor import floor_ratios
+from nas_data.gap.floor import compute_floor_ratios
 from nas_data.gap.name import ADEQUATE, Finding, Naming
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
@@ -36,7 +36,7 @@ from nas_data.gap.search.final import list_parameters, list_retuned
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.showing.series import SERIES
 from nas_data.gap.verdict import decide_verdict, find_above
-from nas_data.joint_units import joint_unit, kinds_of
+from nas_data.joint_units import find_joint_unit, group_by_kind
 from nas_data.typed_json import from_json
 
 METRIC = "open-loop position RMSE on held-out episodes"
@@ -69,8 +69,8 @@ def compose(
         seconds: Duration of the search [s].
     """
     held, floor = problem.held, problem.held.floor
-    before = floor_ratios(held.evidence.mean_squares(outcome.before), floor)
-    after = floor_ratios(held.evidence.mean_squares(outcome.after), floor)
+    before = compute_floor_ratios(held.evidence.mean_squares(outcome.before), floor)
+    after = compute_floor_ratios(held.evidence.mean_squares(outcome.after), floor)
     dataset, model = problem.names
     return GapReport(
         dataset=dataset,
@@ -104,7 +104,7 @@ def describe_finding(finding: Finding, nominal: Nominal, whole: bool = False) ->
         whole: Whether the model file expresses every effect.
     """
     effect, slides = finding.effect, nominal.slides
-    unit = joint_unit(effect.joint, slides) if effect.joint else kinds_of(nominal.joints, slides)[0][0]
+    unit = find_joint_unit(effect.joint, slides) if effect.joint else group_by_kind(nominal.joints, slides)[0][0]
     found = list_parameters(effect, finding.interval, slides)
     return NamedEffect(
         name=effect.name(),
@@ -174,7 +174,7 @@ def measure_gap(held: FitTask, outcome: HeldOutResult, conditioning: float | Non
         return replace(GapErrors(unit=unit, **pooled(np.array([place]))), after_model_xml=None)
 
     joints, slides = held.evidence.joints, held.nominal.slides
-    (unit, places), *others = kinds_of(joints, slides)
+    (unit, places), *others = group_by_kind(joints, slides)
     beside = [GapErrors(unit=other.si, **pooled(rest)) for other, rest in others]
     return ArmGap(
         unit=unit.si,
@@ -182,7 +182,7 @@ def measure_gap(held: FitTask, outcome: HeldOutResult, conditioning: float | Non
         metric=METRIC + (f", over the {unit.kind} ({others[0][0].kind} beside)" if others else ""),
         delivered=outcome.delivered,
         slides=beside[0] if beside else None,
-        per_joint={joint: of_joint(place, joint_unit(joint, slides).si) for place, joint in enumerate(joints)},
+        per_joint={joint: of_joint(place, find_joint_unit(joint, slides).si) for place, joint in enumerate(joints)},
         conditioning=conditioning,
     )
 
@@ -204,7 +204,7 @@ def measure_shares(held: FitTask, outcome: HeldOutResult) -> Shares:
 
 def select_first_kind(held: FitTask) -> np.ndarray:
     """Return the indices of the joints over which errors are pooled: hinges if there are any."""
-    return kinds_of(held.evidence.joints, held.nominal.slides)[0][1]
+    return group_by_kind(held.evidence.joints, held.nominal.slides)[0][1]
 
 
 def describe_placebo(held: FitTask, naming: Naming) -> Placebo | None:

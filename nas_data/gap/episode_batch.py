@@ -10,7 +10,7 @@ from nas_data.dataset.start_velocities import find_start_velocities, fit_velocit
 from nas_data.errors import DatasetInvalid
 from nas_data.gap.finding.torque_off import count_rows_with_torque
 from nas_data.gap.gains import read_relative_gains
-from nas_data.pairing import object_states
+from nas_data.pairing import read_object_states
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.initial_states import InitialLoad
 
@@ -138,7 +138,7 @@ class EpisodeBatch:
             dataset: Transitions of the episodes.
             simulator: Model; objects that the dataset lacks start in their reference posture.
         """
-        states = object_states(dataset, simulator)
+        states = read_object_states(dataset, simulator)
         rows = [dataset.episode(int(number)) for number in self.numbers]
         return replace(self, objects=np.stack([pad_rows(states[part], self.commands.shape[1]) for part in rows]))
 

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.noise import NORMAL, ODD, ORDERS, SMALLEST, noise_of_differences, resolution
-from nas_data.pairing import scene_states
+from nas_data.dataset.noise import NORMAL, ODD, ORDERS, SMALLEST, estimate_noise, estimate_resolution
+from nas_data.pairing import read_scene_states
 from nas_data.simulators.base import Simulator
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def measure_step_errors(dataset: Dataset, simulator: Simulator) -> np.ndarray:
     """
     rows = np.unique(np.linspace(0, dataset.n_frames - 1, STEPS).round().astype(int))
     predicted = simulator.predict(
-        scene_states(dataset, simulator, rows).astype(float), dataset.commands[rows].astype(float)
+        read_scene_states(dataset, simulator, rows).astype(float), dataset.commands[rows].astype(float)
     )
     n = len(dataset.joints)
     errors = np.abs(predicted[:, :n] - dataset.next_states[rows, :n])
@@ -49,18 +49,16 @@ def measure_step_errors(dataset: Dataset, simulator: Simulator) -> np.ndarray:
 def estimate_joint_floor(evidence: "EpisodeBatch", joint: int, most: float) -> float:
     """Return the floor of one joint [rad; m], with an upper bound of the noise."""
     readings = [row[seen, joint] for row, seen in zip(evidence.measured, evidence.mask, strict=True)]
-    step = resolution(readings)
+    step = estimate_resolution(readings)
     rounding = step / np.sqrt(12.0)
-    noise = min(noise_of_differences(readings, order, step) for order in ODD)
+    noise = min(estimate_noise(readings, order, step) for order in ODD)
     if noise > COARSE * rounding:
-        noise = max(
-            COARSE * rounding, min(noise, most, *(noise_of_differences(readings, order, step) for order in ORDERS))
-        )
+        noise = max(COARSE * rounding, min(noise, most, *(estimate_noise(readings, order, step) for order in ORDERS)))
     travel = max((float(np.ptp(row)) for row in readings), default=0.0)
     return max(rounding, noise, SMALLEST, CLOSEST * travel)
 
 
-def floor_ratios(squares: np.ndarray, floor: np.ndarray) -> np.ndarray:
+def compute_floor_ratios(squares: np.ndarray, floor: np.ndarray) -> np.ndarray:
     """Return errors over the floor, geometric mean over episodes, from mean squares (E, n); shape (n,).
 
     The geometric mean neither lets one diverging episode dominate nor ignores it.

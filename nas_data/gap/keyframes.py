@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from nas_data.mjcf.actuator_lookup import GOAL, goal_joints
+from nas_data.mjcf.actuator_lookup import GOAL, find_goal_joints
 
 
 def keep_keyframes(spec: mujoco.MjSpec, before: mujoco.MjModel) -> None:
@@ -20,7 +20,7 @@ def keep_keyframes(spec: mujoco.MjSpec, before: mujoco.MjModel) -> None:
     for number, key in enumerate(spec.keys):
         qpos, qvel = after.qpos0.copy(), np.zeros(after.nv)
         qpos[positions], qvel[speeds] = before.key_qpos[number], before.key_qvel[number]
-        for goal in goal_joints(after):
+        for goal in find_goal_joints(after):
             own = after.joint(after.joint(goal).name.removesuffix(GOAL))
             qpos[after.jnt_qposadr[goal]] = qpos[own.qposadr[0]]
         key.qpos, key.qvel = qpos, qvel

@@ -8,15 +8,15 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.metrics import Errors
-from nas_data.models.evaluation import open_loop_model
+from nas_data.models.evaluation import roll_out_model
 from nas_data.models.presets import preset
 from nas_data.models.run import TrainingRun
-from nas_data.models.training import ModelTraining, error_scales
-from nas_data.open_loop import open_loop_source
+from nas_data.models.training import ModelTraining, compute_error_scales
+from nas_data.open_loop import roll_out_source
 from nas_data.pairing import pair
 from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
-from nas_data.sources import source_files
+from nas_data.sources import collect_source_files
 
 PHI = "phi"  # folder of the checkpoint within that of the report
 
@@ -50,12 +50,12 @@ def measure_learned_shares(
     train, held = (pair(dataset.select(list(numbers)), written) for numbers in episodes)
     shutil.rmtree(folder / PHI, ignore_errors=True)
     training = ModelTraining("delta", train, preset("fast", updates=updates), written, {"source": written.describe()})
-    phi = TrainingRun(training, folder / PHI, say, source_files(find_robot(models[1]))).run()
-    scales = error_scales(train)
+    phi = TrainingRun(training, folder / PHI, say, collect_source_files(find_robot(models[1]))).run()
+    scales = compute_error_scales(train)
     before, after = (
-        mean_squared_error(held, open_loop_source(held, simulator), scales) for simulator in (given, written)
+        mean_squared_error(held, roll_out_source(held, simulator), scales) for simulator in (given, written)
     )
-    left = mean_squared_error(held, open_loop_model(held, written, phi), scales)
+    left = mean_squared_error(held, roll_out_model(held, written, phi), scales)
     return {"names": 1 - after / before, "learned": (after - left) / before, "left": left / before}
 
 

@@ -16,7 +16,7 @@ from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.plain_fit import fit_smooth
 from nas_data.gap.search.search import Search
 from nas_data.gap.search.tie_break import break_tie
-from nas_data.joint_units import kinds_of
+from nas_data.joint_units import group_by_kind
 
 SHARPNESS = 4.0  # exponent of a rival's error ratio in its closeness
 SURE = 0.8  # confidence below which an experiment is proposed
@@ -186,7 +186,7 @@ def select_joints(search: Search, effect: Effect) -> list[int]:
     joints = search.train.nominal.joints
     if effect.joint is not None:
         return [joints.index(effect.joint)]
-    return kinds_of(joints, search.train.nominal.slides)[0][1].tolist()
+    return group_by_kind(joints, search.train.nominal.slides)[0][1].tolist()
 
 
 def rms(heldout: np.ndarray, joints: Sequence[int]) -> float:

@@ -9,14 +9,14 @@ import numpy as np
 
 from nas_data.effects.base import Effect
 from nas_data.effects.edits.derived_servo_values import fix_derived_values
-from nas_data.effects.edits.servo import position_servo, scale_stiffness
+from nas_data.effects.edits.servo import find_position_servo, scale_stiffness
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.integrator import FINE, find_whole_step, make_implicit
 from nas_data.gap.nominal_parameters import NominalParameter, list_base_parameters, scale_base_parameters
-from nas_data.gap.side_by_side import shares_cores
+from nas_data.gap.side_by_side import is_sharing_cores
 from nas_data.mjcf.bake_inertia import bake_inertia
-from nas_data.mjcf.strip_meshes import colliding_shapes, needs_files, strip_meshes
-from nas_data.robots.base import Robot, find_robot, slide_joints
+from nas_data.mjcf.strip_meshes import count_colliding_geoms, needs_files, strip_meshes
+from nas_data.robots.base import Robot, find_robot, list_slide_joints
 from nas_data.simulators.lock_joints import lock_unmeasured_joints
 from nas_data.simulators.mujoco import MujocoSimulator
 
@@ -78,7 +78,7 @@ class Nominal:
     @property
     def slides(self) -> tuple[str, ...]:
         """Names of the measured slides."""
-        found = slide_joints(self.spec)
+        found = list_slide_joints(self.spec)
         return tuple(joint for joint in self.joints if joint in found)
 
     def make_spec(self, factors: Mapping[str, float], lean: bool = False) -> mujoco.MjSpec:
@@ -103,7 +103,7 @@ class Nominal:
         """Return a simulator of the model with effects and factors of base parameters."""
         known = {name: getattr(self.robot, name) for name in ("name", "mjcf", "joints", "rate", "rest")}
         robot = PreparedRobot(**known, prepared=self.make_spec(factors or {}, lean=True), adapted=True)
-        simulator = MujocoSimulator(robot, self.period, self.joints, effects, 1 if shares_cores() else None)
+        simulator = MujocoSimulator(robot, self.period, self.joints, effects, 1 if is_sharing_cores() else None)
         simulator.model.opt.disableflags |= find_disable_flags(simulator.model)
         return simulator
 
@@ -162,7 +162,7 @@ class Nominal:
         def scale(spec: mujoco.MjSpec) -> None:
             for joint, gain in zip(self.joints, gains, strict=True):
                 if gain != 1:
-                    position_servo(spec, joint, "A position gain of the recording")
+                    find_position_servo(spec, joint, "A position gain of the recording")
                     scale_stiffness(spec, joint, float(gain))
 
         return self.with_edit(scale)
@@ -198,5 +198,5 @@ def with_timestep(nominal: Nominal, timestep: float) -> Nominal:
 
 def strip_idle_meshes(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     """Return the model without meshes, or unchanged if it has none or some can collide."""
-    touches = not spec.option.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CONTACT) and colliding_shapes(spec)
+    touches = not spec.option.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CONTACT) and count_colliding_geoms(spec)
     return spec if touches or not needs_files(spec) else strip_meshes(spec)

@@ -8,15 +8,15 @@ import mujoco
 import numpy as np
 
 from nas_data.effects.edits.servo import (
-    damping,
-    filter_time,
     is_velocity_servo,
+    read_filter_time,
+    read_servo_damping,
+    read_servo_stiffness,
+    read_torque_limit,
     scale_damping,
     scale_filter,
     scale_limit,
     scale_stiffness,
-    stiffness,
-    torque_limit,
 )
 
 Kind = Literal["mass", "gain", "damping", "servo_damping", "armature", "frictionloss", "filter", "limit", "gravcomp"]
@@ -91,7 +91,7 @@ def read_own_value(spec: mujoco.MjSpec, joint: str, kind: str) -> float:
     """Return a joint's damping, armature, frictionloss or torque limit [SI]; 0 for other kinds."""
     element = spec.joint(joint)
     if kind == "limit":
-        return torque_limit(spec, joint)
+        return read_torque_limit(spec, joint)
     if kind == "damping":
         return float(element.damping[0])
     return float(getattr(element, kind)) if kind in {"armature", "frictionloss"} else 0.0
@@ -100,7 +100,7 @@ def read_own_value(spec: mujoco.MjSpec, joint: str, kind: str) -> float:
 def read_own_amount(spec: mujoco.MjSpec, joint: str, kind: str) -> float:
     """Return the amount of a quantity in the model [SI]; for damping including the servo's."""
     if kind == "damping":
-        return read_own_value(spec, joint, kind) + max(damping(spec, joint), 0.0)
+        return read_own_value(spec, joint, kind) + max(read_servo_damping(spec, joint), 0.0)
     return read_own_value(spec, joint, kind)
 
 
@@ -115,16 +115,16 @@ def list_base_parameters(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[No
         if held := tuple(name for name in bodies if spec.body(name).gravcomp > 0):
             found.append(NominalParameter(joint, "gravcomp", held))
         element = spec.joint(joint)
-        if stiffness(spec, joint) > 0:
+        if read_servo_stiffness(spec, joint) > 0:
             found.append(NominalParameter(joint, "gain"))
         if element.damping[0] > 0:
             found.append(NominalParameter(joint, "damping"))
-        is_servo = stiffness(spec, joint) > 0 or is_velocity_servo(spec, joint)
-        if is_servo and np.isfinite(torque_limit(spec, joint)):
+        is_servo = read_servo_stiffness(spec, joint) > 0 or is_velocity_servo(spec, joint)
+        if is_servo and np.isfinite(read_torque_limit(spec, joint)):
             found.append(NominalParameter(joint, "limit"))
-        if filter_time(spec, joint) > 0:
+        if read_filter_time(spec, joint) > 0:
             found.append(NominalParameter(joint, "filter"))
-        if damping(spec, joint) > 0:
+        if read_servo_damping(spec, joint) > 0:
             found.append(NominalParameter(joint, "servo_damping"))
         if element.armature > 0:
             found.append(NominalParameter(joint, "armature"))

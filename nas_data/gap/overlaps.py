@@ -12,7 +12,7 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.gap.nominal import Nominal
-from nas_data.mjcf.unique_name import unique_name
+from nas_data.mjcf.unique_name import make_unique_name
 from nas_data.pairing import pair as pair_transitions
 
 DEEP = 0.001  # [m] smallest penetration; soft contacts at rest penetrate less
@@ -58,7 +58,7 @@ def find_overlaps(nominal: Nominal, dataset: Dataset) -> Mapping[Pair, Overlap]:
         return {}
     scales = np.sqrt(np.square(dataset.next_states - dataset.states).mean(0)) + np.finfo(float).eps
     errors = []
-    for each in (nominal, without_contacts(nominal, often)):
+    for each in (nominal, exclude_contacts(nominal, often)):
         steps = pair_transitions(dataset, each.simulator()).sim_states - dataset.next_states
         errors.append(np.square((steps / scales)[rows, : len(nominal.joints)]).sum(1))
     return {
@@ -93,7 +93,7 @@ def find_depths(nominal: Nominal, poses: np.ndarray) -> tuple[dict[Pair, np.ndar
     return depths, names
 
 
-def without_contacts(nominal: Nominal, pairs: Collection[Pair]) -> Nominal:
+def exclude_contacts(nominal: Nominal, pairs: Collection[Pair]) -> Nominal:
     """Return the model with contacts between some pairs of bodies excluded."""
     if not pairs:
         return nominal
@@ -106,7 +106,7 @@ def without_contacts(nominal: Nominal, pairs: Collection[Pair]) -> Nominal:
                 spec.delete(pair)
         for pair in sorted(pairs):
             for body in (spec.bodies[number] for number in pair):
-                body.name = body.name or unique_name(spec.body, "body")
+                body.name = body.name or make_unique_name(spec.body, "body")
             spec.add_exclude(bodyname1=spec.bodies[pair[0]].name, bodyname2=spec.bodies[pair[1]].name)
 
     return nominal.with_edit(exclude)

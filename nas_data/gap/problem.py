@@ -14,7 +14,7 @@ from nas_data.gap.finding.torque_off import keep_torque_on_and_fall
 from nas_data.gap.floor import estimate_noise_floor, measure_step_errors
 from nas_data.gap.gains import with_relative_gains
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.overlaps import Overlap, find_overlaps, without_contacts
+from nas_data.gap.overlaps import Overlap, exclude_contacts, find_overlaps
 from nas_data.gap.search.objective import FitTask
 from nas_data.open_loop import has_setpoints
 from nas_data.pairing import check_fits, warn_of_ranges
@@ -91,7 +91,7 @@ class Problem:
         as_given = Nominal.load(model, evidence)
         check_fits(transitions, as_given.simulator())
         overlaps = find_overlaps(as_given, kept)
-        nominal = without_contacts(as_given, overlaps)
+        nominal = exclude_contacts(as_given, overlaps)
         simulator = nominal.simulator()
         warn_of_ranges(transitions, nominal.robot.spec().compile())
         evidence = evidence.with_objects(kept, simulator)

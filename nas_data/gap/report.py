@@ -28,7 +28,7 @@ from nas_data.gap.report_parts import (
     Unexplained,
 )
 from nas_data.typed_json import FormError, LacksKeys, as_object, from_json
-from nas_data.visible_files import visible
+from nas_data.visible_files import list_visible_files
 from nas_data.whole_file import write_whole
 
 if TYPE_CHECKING:
@@ -135,7 +135,9 @@ class GapReport:
     def with_files(self, folder: Path) -> "GapReport":
         """Return the report with the files of its folder."""
         paths = [folder / name for name in FILES if name != REPORT and (folder / name).is_file()]
-        paths += [path for name in (*FOLDERS, ASSETS) for path in visible(folder / name, "**/*") if path.is_file()]
+        paths += [
+            path for name in (*FOLDERS, ASSETS) for path in list_visible_files(folder / name, "**/*") if path.is_file()
+        ]
         return replace(self, files={path.relative_to(folder).as_posix(): path.read_bytes() for path in paths})
 
     def save(self, folder: str | Path) -> Path:

@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from nas_data.gap.episode_batch import EpisodeBatch
-from nas_data.joint_units import radians_at
+from nas_data.joint_units import compute_angle_scales
 
 # [rad/s; of a slide times what stands for a radian there] above which a joint has a direction: a reading that flickers
 # by 0.3° in 40 ms is slower
@@ -30,7 +30,7 @@ def find_residual_correlate(
     seen = evidence.mask[:, 2:-2].ravel()
     wanted = errors[:, 2:-2, joint].ravel()[seen]
     travel = np.ptp(evidence.measured[evidence.mask], axis=0)
-    moving = MOVING * float(radians_at(evidence.joints, slides, travel)[joint])
+    moving = MOVING * float(compute_angle_scales(evidence.joints, slides, travel)[joint])
     found = list_regressors(evidence, joint, moving)
     shares = {name: compute_explained_variance(wanted, rows[seen]) for name, rows in found.items()}
     return max(shares, key=lambda name: shares[name])

@@ -14,15 +14,15 @@ Found = TypeVar("Found")
 _here = threading.local()
 
 
-def side_by_side(work: Callable[[Item], Found], items: Iterable[Item]) -> list[Found]:
+def map_in_parallel(work: Callable[[Item], Found], items: Iterable[Item]) -> list[Found]:
     """Return `work` of each item in order, computed in parallel; nested calls stay on their thread."""
     waiting = list(items)
-    if len(waiting) < 2 or shares_cores() or count_cores() < 2:
+    if len(waiting) < 2 or is_sharing_cores() or count_cores() < 2:
         return [work(item) for item in waiting]
     return list(get_executor().map(work, waiting))
 
 
-def shares_cores() -> bool:
+def is_sharing_cores() -> bool:
     """Whether this thread works on one of several items, so that its rollouts use one core."""
     return bool(getattr(_here, "shares", False))
 
@@ -30,7 +30,7 @@ def shares_cores() -> bool:
 @contextmanager
 def on_one_core() -> Iterator[None]:
     """Restrict this thread's work to one core."""
-    before = shares_cores()
+    before = is_sharing_cores()
     _here.shares = True
     try:
         yield

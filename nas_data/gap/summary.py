@@ -5,7 +5,7 @@ from pathlib import Path
 
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_parts import FittedParameter, GapErrors, NamedEffect
-from nas_data.joint_units import display_unit
+from nas_data.joint_units import find_display_unit
 
 VERDICTS = {
     "none": "No gap above the measurement noise.",
@@ -73,7 +73,7 @@ def describe_verdict(report: GapReport) -> str:
 
 def describe_errors(gap: GapErrors) -> str:
     """Return the error before and after, beside plain fit and noise floor."""
-    unit = display_unit(gap.unit)
+    unit = find_display_unit(gap.unit)
     plain = "" if gap.plain is None else f"plain fit {unit.text(gap.plain)}, "
     floor = "unknown" if gap.noise_floor is None else unit.text(gap.noise_floor)
     return f"{unit.text(gap.before)} → {unit.text(gap.after)} ({plain}noise floor {floor})"
@@ -83,7 +83,7 @@ def describe_effect(effect: NamedEffect) -> str:
     """Return a named effect on one line."""
     values = ", ".join(describe_parameter(name, value) for name, value in effect.parameters.items())
     errors = effect.evidence
-    unit = display_unit(errors.unit)
+    unit = find_display_unit(errors.unit)
     before, after = unit.text(errors.heldout_error_before), unit.text(errors.heldout_error_after)
     line = (
         f"{effect.joint or 'whole arm'}: {effect.name} {values}; confidence {effect.confidence:.2f}; "

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.dataset.content import content_hash
-from nas_data.dataset.provenance import package_versions, read_provenance
+from nas_data.dataset.content import hash_content
+from nas_data.dataset.provenance import read_package_versions, read_provenance
 from nas_data.errors import NasError, OptionError
 from nas_data.gap.compose import Proposal, compose, write_series
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.experiments.experiment import Rival, choose_next_experiment, write_experiment
 from nas_data.gap.finding.find import find
-from nas_data.gap.floor import floor_ratios
+from nas_data.gap.floor import compute_floor_ratios
 from nas_data.gap.name import ADEQUATE, Naming, name
 from nas_data.gap.output_folder import check_output_folder, clear_report
 from nas_data.gap.problem import Problem
@@ -27,7 +27,7 @@ from nas_data.gap.search.final import FinalFit, fit_final
 from nas_data.gap.search.hypothesis import Description
 from nas_data.gap.showing.show import show
 from nas_data.gap.write_model import write_difference, write_effects
-from nas_data.joint_units import mean_of_kind
+from nas_data.joint_units import average_by_kind
 from nas_data.mjcf.export import check_portable
 from nas_data.robots.base import TORQUES
 from nas_data.typed_json import from_json
@@ -114,9 +114,9 @@ def record_origin(problem: Problem, folder: Path, learn: int) -> MadeFrom:
     provenance = None if problem.root is None else read_provenance(problem.root)
     return MadeFrom(
         command=shlex.join(words),
-        content_hash=provenance.content_hash if provenance else content_hash(problem.dataset),
+        content_hash=provenance.content_hash if provenance else hash_content(problem.dataset),
         model_sha256=hashlib.sha256(problem.train.nominal.robot.mjcf.read_bytes()).hexdigest(),
-        versions=package_versions(),
+        versions=read_package_versions(),
     )
 
 
@@ -133,11 +133,11 @@ def deliver(problem: Problem, naming: Naming, folder: Path, say: Say) -> tuple[N
     """
     outcome = score_model(problem, naming.final, naming.null, naming.plain, folder)
     held = problem.held.evidence
-    scales = mean_of_kind(problem.held.floor, held.joints, problem.held.nominal.slides)
+    scales = average_by_kind(problem.held.floor, held.joints, problem.held.nominal.slides)
     best = min(rms(held, outcome.plain, scales), rms(held, outcome.before, scales))
 
     def is_accepted(predicted: np.ndarray) -> bool:
-        at_floor = floor_ratios(held.mean_squares(predicted), problem.held.floor).max() <= ADEQUATE
+        at_floor = compute_floor_ratios(held.mean_squares(predicted), problem.held.floor).max() <= ADEQUATE
         return bool(at_floor) or rms(held, predicted, scales) <= best
 
     if is_accepted(outcome.written):

@@ -22,7 +22,7 @@ def audit(recording: Recording, mapping: Map) -> list[AuditFinding]:
     expected = make_expected(mapping)
     found = audits.run(audits.FIRST, recording, expected)
     if not any(finding.error for finding in found):
-        found += [*check_degrees(recording, mapping), *audits.run(audits.others(), recording, expected)]
+        found += [*check_degrees(recording, mapping), *audits.run(audits.list_remaining_audits(), recording, expected)]
     allowed = mapping.thresholds.allow
     return [replace(finding, error=finding.error and finding.check not in allowed) for finding in found]
 
@@ -50,7 +50,7 @@ def check_degrees(recording: Recording, mapping: Map) -> list[AuditFinding]:
         quantities.append((mapping.command, recording.commands))
     found = []
     for quantity, values in quantities:
-        degrees = _logged_degrees(quantity, values)
+        degrees = _select_degrees(quantity, values)
         if not degrees.size or np.ptp(degrees, axis=0).max() < AT_REST or np.abs(degrees).max() > SMALLEST_LIKELY:
             continue
         what = (
@@ -63,7 +63,7 @@ def check_degrees(recording: Recording, mapping: Map) -> list[AuditFinding]:
     return found
 
 
-def _logged_degrees(quantity: LogQuantity, values: np.ndarray) -> np.ndarray:
+def _select_degrees(quantity: LogQuantity, values: np.ndarray) -> np.ndarray:
     """Return the values that the map reads as degrees, shape (N, k)."""
     in_degrees = [unit == "deg" for unit in quantity.conversion.units]
     return quantity.conversion.raw(values)[:, in_degrees]

@@ -67,7 +67,7 @@ def read_calibration(path: Path) -> dict[str, Motor]:
         ) from None
 
 
-def motors_of(mapping: Map, calibration: Mapping[str, Motor], path: Path) -> list[Motor]:
+def match_motors(mapping: Map, calibration: Mapping[str, Motor], path: Path) -> list[Motor]:
     """Return the motor of each joint of a map.
 
     Raises:
@@ -85,7 +85,7 @@ def motors_of(mapping: Map, calibration: Mapping[str, Motor], path: Path) -> lis
     return [calibration[name] for name in names]
 
 
-def middles_of(mapping: Map, motors: Sequence[Motor]) -> dict[str, float]:
+def find_range_middles(mapping: Map, motors: Sequence[Motor]) -> dict[str, float]:
     """Return the position of the middle of each joint's calibrated range in a map [rad; m]; it is LeRobot's zero.
 
     Joints in 0 … 100 are left out. So are joints that were calibrated over a whole turn, whose zero is arbitrary.
@@ -122,16 +122,16 @@ def choose_unit(mapping: Map, raw: np.ndarray, motors: Sequence[Motor]) -> tuple
     if np.abs(raw[:, body]).max(initial=0.0) > LARGEST + 1e-3:
         return "deg", "readings go beyond 100"
     steps = (360 / (servo.resolution - 1), 360 / servo.resolution)
-    grids = [[_on_grid(raw[:, index], step) for index in body] for step in steps]
-    degrees = next((grid for grid in grids if _all(grid)), grids[0])
+    grids = [[_is_on_grid(raw[:, index], step) for index in body] for step in steps]
+    degrees = next((grid for grid in grids if _is_consistent_fit(grid)), grids[0])
     if motors:
-        ranges = [_on_grid(raw[:, index], 200 / (motors[index].high - motors[index].low)) for index in body]
-        if _all(degrees) and not _all(ranges):
+        ranges = [_is_on_grid(raw[:, index], 200 / (motors[index].high - motors[index].low)) for index in body]
+        if _is_consistent_fit(degrees) and not _is_consistent_fit(ranges):
             return "deg", "readings are the servo's ticks in degrees"
-        if _all(ranges):
+        if _is_consistent_fit(ranges):
             return RANGE, "readings are the servo's ticks in −100 … 100"
         return RANGE, "a calibration was given; say --unit deg if they are degrees"
-    if _all(degrees):
+    if _is_consistent_fit(degrees):
         return "deg", "readings are the servo's ticks in degrees"
     ends = any((np.abs(raw[:, index]) == LARGEST).sum() >= CLIPPED for index in body)
     if ends or any(fit is False and _has_step(raw[:, index]) for fit, index in zip(degrees, body, strict=True)):
@@ -180,7 +180,7 @@ def _line(
     return gain * factor * (-1 if turned else 1), bias, RANGE
 
 
-def _on_grid(values: np.ndarray, step: float) -> bool | None:
+def _is_on_grid(values: np.ndarray, step: float) -> bool | None:
     """Return whether readings are multiples of a step apart; None if too few differ."""
     different = np.unique(values)
     if len(different) < FEW:
@@ -195,6 +195,6 @@ def _has_step(values: np.ndarray) -> bool:
     return len(steps) >= FEW and bool(np.median(steps) < 1.2 * steps.min())
 
 
-def _all(fits: Sequence[bool | None]) -> bool:
+def _is_consistent_fit(fits: Sequence[bool | None]) -> bool:
     """Return whether all decided joints fit, and at least one is decided."""
     return any(fits) and all(fit is not False for fit in fits)

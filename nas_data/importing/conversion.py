@@ -67,7 +67,7 @@ def parse_conversion(section: MapSection, kind: Kind, joints: Sequence[str]) -> 
         MapError: a unit or joint is unknown, a key is missing, or a list has a wrong length.
     """
     overrides = section.table("joints")
-    per_joint = [_values_of(section, index, len(joints)) for index in range(len(joints))]
+    per_joint = [_read_joint_values(section, index, len(joints)) for index in range(len(joints))]
     lines = []
     for joint, values in zip(joints, per_joint, strict=True):
         override = overrides.table(joint)
@@ -85,7 +85,7 @@ def parse_conversion(section: MapSection, kind: Kind, joints: Sequence[str]) -> 
     return Conversion(gain, bias, units, kinds)
 
 
-def _values_of(section: MapSection, index: int, count: int) -> dict[str, object]:
+def _read_joint_values(section: MapSection, index: int, count: int) -> dict[str, object]:
     """Return the conversion keys for one joint; lists have one number per joint, except `range`, which is a pair."""
     values: dict[str, object] = {}
     for key in KEYS:
@@ -104,7 +104,7 @@ def _values_of(section: MapSection, index: int, count: int) -> dict[str, object]
 
 def _parse_line(section: MapSection, kind: Kind) -> tuple[float, float, str, Kind]:
     """Return gain, bias, raw unit and kind of one component."""
-    unit = section.text("unit", choices=_units(kind))
+    unit = section.text("unit", choices=_list_units(kind))
     if kind == "command":
         kind = _parse_kind(section, unit)
     sign = section.number("sign", 1.0)
@@ -112,28 +112,28 @@ def _parse_line(section: MapSection, kind: Kind) -> tuple[float, float, str, Kin
         raise section.error(f"'sign' is {sign:g}; it must be 1 or -1.", "sign")
     offset = section.number("offset", 0.0) if kind == "position" else 0.0
     if unit == NORMALISED:
-        gain, bias = _normalised(section, kind)
+        gain, bias = _read_range(section, kind)
     else:
-        gain, bias = _scaled(section, FACTORS[kind].get(unit, 1.0), unit, kind)
+        gain, bias = _read_scale(section, FACTORS[kind].get(unit, 1.0), unit, kind)
     return sign * gain, sign * bias + offset, unit, kind
 
 
-def _units(kind: Kind) -> tuple[str, ...]:
+def _list_units(kind: Kind) -> tuple[str, ...]:
     """Return the units that a quantity may have."""
     return (*FACTORS[kind], *[NORMALISED] * (kind in ("position", "velocity", "command")))
 
 
 def _parse_kind(section: MapSection, unit: str) -> Kind:
     """Read the command type: from `kind`, else from the unit; ticks and normalised values are positions."""
-    usual = next((kind for kind in COMMANDS if unit in _units(kind)), COMMANDS[0])
+    usual = next((kind for kind in COMMANDS if unit in _list_units(kind)), COMMANDS[0])
     kind = next(one for one in COMMANDS if one == section.text("kind", usual, choices=COMMANDS))
-    if unit not in _units(kind):
-        choices = ", ".join(_units(kind))
+    if unit not in _list_units(kind):
+        choices = ", ".join(_list_units(kind))
         raise section.error(f"'kind' is '{kind}' but 'unit' is '{unit}'; choose one of: {choices}.", "kind")
     return kind
 
 
-def _scaled(section: MapSection, factor: float, unit: str, kind: Kind) -> tuple[float, float]:
+def _read_scale(section: MapSection, factor: float, unit: str, kind: Kind) -> tuple[float, float]:
     """Read `scale` and `zero`: value = factor · scale · (raw − zero). Ticks and amperes require `scale`."""
     scale = section.number("scale", None if unit in SCALED else 1.0)
     if scale == 0:
@@ -142,7 +142,7 @@ def _scaled(section: MapSection, factor: float, unit: str, kind: Kind) -> tuple[
     return factor * scale, -factor * scale * zero
 
 
-def _normalised(section: MapSection, kind: Kind) -> tuple[float, float]:
+def _read_range(section: MapSection, kind: Kind) -> tuple[float, float]:
     """Read `range` (raw values at the ends) and `low`, `high` (values at the ends [rad; m])."""
     first, last = section.numbers("range", 2)
     low, high = section.number("low"), section.number("high")

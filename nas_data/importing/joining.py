@@ -30,7 +30,7 @@ def match_rows(wanted: np.ndarray, given: np.ndarray, method: str, tolerance: fl
     return np.where(found, rows, -1)
 
 
-def common_rows(matches: dict[Path, np.ndarray], log: Path, table: LogTable, tolerance: float) -> slice:
+def find_common_rows(matches: dict[Path, np.ndarray], log: Path, table: LogTable, tolerance: float) -> slice:
     """Return the rows that have a match in every table; only rows at the ends may lack one.
 
     Args:

@@ -18,12 +18,12 @@ from nas_data.dataset.foreign import import_command, is_ours, refuse
 from nas_data.dataset.joints import REMEDY, Components
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read, read_stamps, with_clock
-from nas_data.dataset.rows import rows_text
+from nas_data.dataset.rows import format_rows
 from nas_data.dataset.transitions import as_transitions
-from nas_data.dataset.versions import parent_of, resolve
+from nas_data.dataset.versions import make_parent, resolve
 from nas_data.errors import DatasetInvalid, LogError, OptionError
-from nas_data.importing.calibration import UNITS, choose_unit, motors_of, read_calibration, with_raw_unit
-from nas_data.importing.formats import folder_kind, is_folder_log
+from nas_data.importing.calibration import UNITS, choose_unit, match_motors, read_calibration, with_raw_unit
+from nas_data.importing.formats import find_folder_kind, is_folder_log
 from nas_data.importing.map import Map, TimeColumn
 from nas_data.importing.reading import read_log
 
@@ -82,7 +82,7 @@ def complete_map(mapping: Map, paths: Sequence[Path], options: ImportOptions) ->
         if not path.exists():
             raise LogError(f"There is no log {path}; give recorded files or folders.")
         if not is_dataset(path):
-            raise LogError(f"{path} is no {folder_kind('lerobot')[2:]}; give the folder of one.")
+            raise LogError(f"{path} is no {find_folder_kind('lerobot')[2:]}; give the folder of one.")
         _refuse_own(resolve(path))
     rates = {path: float(str(layout.read_info(resolve(path))["fps"])) for path in paths}
     first, *_ = rates
@@ -96,7 +96,7 @@ def complete_map(mapping: Map, paths: Sequence[Path], options: ImportOptions) ->
         mapping = replace(mapping, clock=TimeColumn("", "s"))
     motors = []
     if options.calibration is not None:
-        motors = motors_of(mapping, read_calibration(options.calibration), options.calibration)
+        motors = match_motors(mapping, read_calibration(options.calibration), options.calibration)
     if "deg" not in mapping.position.conversion.units:
         return with_raw_unit(mapping, "deg", motors), ()
     unit, why = options.unit, "as was said"
@@ -123,7 +123,7 @@ def map_text(path: Path, unit: str | None, model: str | None) -> str:
     grippers = [joint for joint in joints if "gripper" in joint] if unit != "rad" else []
     tables = ""
     for gripper in grippers:
-        low, high = _range_of(path, gripper, model)
+        low, high = _find_gripper_range(path, gripper, model)
         line = f'unit = "normalised"\nrange = [0.0, 100.0]\nlow = {low!r}\nhigh = {high!r}\n'
         tables += "".join(f"[read.{what}.joints.{gripper}]\n{line}" for what in ("position", "command"))
     names = ", ".join(f'"{joint}"' for joint in joints)
@@ -136,7 +136,7 @@ def map_text(path: Path, unit: str | None, model: str | None) -> str:
     )
 
 
-def _range_of(path: Path, joint: str, model: str | None) -> tuple[float, float]:
+def _find_gripper_range(path: Path, joint: str, model: str | None) -> tuple[float, float]:
     """Return the range of a gripper in a model [rad; m].
 
     Raises:
@@ -173,7 +173,7 @@ def import_dataset(path: Path, options: ImportOptions) -> tuple[Dataset, Provena
     original = read(root)
     recorded = original
     if options.uniform:
-        recorded = _without_clock(recorded)
+        recorded = _remove_clock(recorded)
     elif TIME not in recorded.features:
         recorded = with_clock(recorded, read_stamps(root))
     if options.rate is not None:
@@ -192,7 +192,7 @@ def import_dataset(path: Path, options: ImportOptions) -> tuple[Dataset, Provena
         how="imported",
         robot=dataset.robot_type,
         target={"kind": "LeRobot dataset"},
-        parents=(parent_of(root, original),),
+        parents=(make_parent(root, original),),
         derived=derived,
         contiguous=True,
         notes="\n".join(f"{finding.check}: {finding.file}: {finding.message}" for finding in findings),
@@ -217,7 +217,7 @@ def _report_videos(path: Path, before: Dataset, after: Dataset) -> list[AuditFin
     return [AuditFinding("left_out", str(path), left_out(lost, VIDEO_LEFT_OUT), minor=True)] if lost else []
 
 
-def _without_clock(dataset: Dataset) -> Dataset:
+def _remove_clock(dataset: Dataset) -> Dataset:
     """Return a dataset without a recorder's clock."""
     kept = {key: feature for key, feature in dataset.features.items() if key != TIME}
     return replace(dataset, features=kept, columns={key: dataset.columns[key] for key in kept})
@@ -230,7 +230,7 @@ def _report_gaps(dataset: Dataset, gaps: Sequence[tuple[int, float]]) -> list[Au
         episode = int(np.searchsorted(dataset.starts, frame, side="right")) - 1
         row = frame - int(dataset.starts[episode])
         what = (
-            f"{gap:.3g} s are missing before {rows_text([row])}; the episode is divided there into two, because "
+            f"{gap:.3g} s are missing before {format_rows([row])}; the episode is divided there into two, because "
             "nothing was measured in between"
         )
         found.append(AuditFinding("time_gap", f"episode {episode}", what, rows=(row,)))

@@ -31,7 +31,7 @@ from nas_data.importing.map import (
     TimeColumn,
 )
 from nas_data.importing.section import MapSection
-from nas_data.visible_files import visible
+from nas_data.visible_files import list_visible_files
 
 MAPS = Path(__file__).parent / "maps"
 VELOCITIES = ("measured", "derive")
@@ -47,7 +47,7 @@ def load_map(name_or_path: str | Path) -> Map:
         UnknownName: the name is neither a file nor a shipped map.
     """
     path = Path(name_or_path)
-    shipped = {file.stem: file for file in visible(MAPS, "*.toml")}
+    shipped = {file.stem: file for file in list_visible_files(MAPS, "*.toml")}
     robots = [name.rpartition("_")[0] for name in shipped]
     alone = [robot for robot in robots if robots.count(robot) == 1 and f"{robot}_lerobot" in shipped]
     shipped |= {robot: shipped[f"{robot}_lerobot"] for robot in alone}

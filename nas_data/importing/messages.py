@@ -25,13 +25,13 @@ def to_tables(path: Path, topics: dict[str, str], messages: Iterable[tuple[str, 
     """
     rows: dict[str, list[dict[str, object]]] = {topic: [] for topic in topics.values()}
     for topic, time, message in messages:
-        rows[topic].append({RECEIVED: time, **dict(fields_of(message))})
-    return {key: _table(path, topic, rows[topic]) for key, topic in topics.items()}
+        rows[topic].append({RECEIVED: time, **dict(flatten_fields(message))})
+    return {key: _make_table(path, topic, rows[topic]) for key, topic in topics.items()}
 
 
-def fields_of(message: object, name: str = "") -> Iterator[tuple[str, object]]:
+def flatten_fields(message: object, name: str = "") -> Iterator[tuple[str, object]]:
     """Yield the fields of a message: times in ns, lists of numbers or texts unchanged, nested fields expanded."""
-    values = message if isinstance(message, dict) else _attributes(message)
+    values = message if isinstance(message, dict) else _read_attributes(message)
     if values is None:
         yield name, message
         return
@@ -40,14 +40,14 @@ def fields_of(message: object, name: str = "") -> Iterator[tuple[str, object]]:
         return
     for key, value in values.items():
         inner = f"{name}.{key}" if name else key
-        if isinstance(value, list | tuple) and value and (isinstance(value[0], dict) or _attributes(value[0])):
+        if isinstance(value, list | tuple) and value and (isinstance(value[0], dict) or _read_attributes(value[0])):
             for number, item in enumerate(value):
-                yield from fields_of(item, f"{inner}.{number}")
+                yield from flatten_fields(item, f"{inner}.{number}")
         else:
-            yield from fields_of(value, inner)
+            yield from flatten_fields(value, inner)
 
 
-def _attributes(value: object) -> dict | None:
+def _read_attributes(value: object) -> dict | None:
     """Return the fields of a message object; None for a plain value."""
     if isinstance(value, str | bytes | int | float | bool | np.ndarray | np.generic | list | tuple) or value is None:
         return None
@@ -55,15 +55,15 @@ def _attributes(value: object) -> dict | None:
     return {key: getattr(value, key) for key in slots if not key.startswith("_") and key != "__msgtype__"} or None
 
 
-def _table(path: Path, topic: str, rows: list[dict[str, object]]) -> LogTable:
+def _make_table(path: Path, topic: str, rows: list[dict[str, object]]) -> LogTable:
     """Convert the messages of a topic to columns; fields that some messages lack are left out."""
     if not rows:
         raise LogError(f"{path} has no messages of '{topic}'; give the bag that has, or correct [topics] of the map.")
     shared = [key for key in rows[0] if all(key in row for row in rows)]
-    return LogTable(Path(f"{path}:{topic}"), {key: _column([row[key] for row in rows]) for key in shared})
+    return LogTable(Path(f"{path}:{topic}"), {key: _make_column([row[key] for row in rows]) for key in shared})
 
 
-def _column(values: list[object]) -> np.ndarray:
+def _make_column(values: list[object]) -> np.ndarray:
     """Return a column as an array; lists of different lengths, and texts, as objects."""
     listed = [value.tolist() if isinstance(value, np.ndarray) else value for value in values]
     lists = [list(value) for value in listed if isinstance(value, list | tuple)]

@@ -31,14 +31,14 @@ def arrange(table: LogTable, mapping: Map, required: bool) -> LogTable:
     if not mapping.joint_names or (not required and mapping.joint_names not in table.columns):
         return table
     held = table.constants.get(mapping.joint_names)
-    rows = _lists(table.column(mapping.joint_names) if held is None else held)
+    rows = _read_names(table.column(mapping.joint_names) if held is None else held)
     if isinstance(rows, tuple):
         _compare(table, mapping, rows)
         return table
-    return _ordered(table, mapping, rows)
+    return _rearrange_vectors(table, mapping, rows)
 
 
-def _lists(column: object) -> tuple[str, ...] | list[tuple[str, ...]]:
+def _read_names(column: object) -> tuple[str, ...] | list[tuple[str, ...]]:
     """Return the names of the whole table, or those of each row."""
     plain = column.to_pylist() if isinstance(column, pa.Array | pa.ChunkedArray) else column
     listed: list[object] = plain.tolist() if isinstance(plain, np.ndarray) else list(cast(Iterable[object], plain))
@@ -65,9 +65,9 @@ def _compare(table: LogTable, mapping: Map, found: Sequence[str]) -> None:
     )
 
 
-def _ordered(table: LogTable, mapping: Map, rows: list[tuple[str, ...]]) -> LogTable:
+def _rearrange_vectors(table: LogTable, mapping: Map, rows: list[tuple[str, ...]]) -> LogTable:
     """Reorder vectors with one number per name to the map's joint order."""
-    kinds = {names: _places(names, mapping.joints) for names in dict.fromkeys(rows)}
+    kinds = {names: _find_indices(names, mapping.joints) for names in dict.fromkeys(rows)}
     kept = np.array([kinds[names] is not None for names in rows])
     if not kept.any():
         raise MapError(
@@ -83,17 +83,17 @@ def _ordered(table: LogTable, mapping: Map, rows: list[tuple[str, ...]]) -> LogT
     widths = [len(names) for names, keep in zip(rows, kept, strict=True) if keep]
     columns: dict[str, Column] = {}
     for key, column in table.columns.items():
-        columns[key] = _column(column, kept, places, widths)
+        columns[key] = _rearrange_column(column, kept, places, widths)
     return replace(table, columns=columns, rows=np.flatnonzero(kept))
 
 
-def _places(names: tuple[str, ...], joints: tuple[str, ...]) -> tuple[int, ...] | None:
+def _find_indices(names: tuple[str, ...], joints: tuple[str, ...]) -> tuple[int, ...] | None:
     """Return the index of each joint among names, -1 for missing ones; None if all are missing."""
     places = tuple(names.index(joint) if joint in names else -1 for joint in joints)
     return None if set(places) == {-1} else places
 
 
-def _column(column: Column, kept: np.ndarray, places: np.ndarray, widths: list[int]) -> Column:
+def _rearrange_column(column: Column, kept: np.ndarray, places: np.ndarray, widths: list[int]) -> Column:
     """Return the kept rows of a column; vectors with one number per name are reordered."""
     if isinstance(column, np.ndarray):
         chosen = column[kept]

@@ -13,8 +13,8 @@ from nas_data.dataset.features import EFFORT, POSITION, VELOCITY
 from nas_data.dataset.recording import Recording
 from nas_data.errors import LogError, MapError
 from nas_data.importing.conversion import TIME_UNITS, decode
-from nas_data.importing.formats import folder_kind, read_table, read_tables
-from nas_data.importing.joining import common_rows, match_rows
+from nas_data.importing.formats import find_folder_kind, read_table, read_tables
+from nas_data.importing.joining import find_common_rows, match_rows
 from nas_data.importing.map import LogColumns, LogQuantity, Map
 from nas_data.importing.naming import arrange
 from nas_data.importing.table import LogTable
@@ -49,7 +49,7 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
     shared = slice(None)
     if partners:
         matches = {tables[key].path: rows for key, rows in partners.items()}
-        shared = common_rows(matches, log, reference, mapping.layout.tolerance)
+        shared = find_common_rows(matches, log, reference, mapping.layout.tolerance)
 
     def read(quantity: LogQuantity) -> np.ndarray:
         table = tables[quantity.source.table]
@@ -73,7 +73,7 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
     )
     episodes = _split(whole, tables, mapping) if mapping.episode else [whole]
     episodes = [
-        replace(part, constants={name: _constant(tables, name, mapping, part.rows) for name in mapping.constants})
+        replace(part, constants={name: _read_constant(tables, name, mapping, part.rows) for name in mapping.constants})
         for part in episodes
     ]
     if reference.rows is not None:
@@ -81,7 +81,7 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
     recordings = [part for episode in episodes for part in divide_at_gaps(episode, mapping.rate)]
     for recording in recordings:
         if len(recording) < ENOUGH:
-            raise _too_short(recording)
+            raise _make_length_error(recording)
     return recordings
 
 
@@ -112,7 +112,7 @@ def divide_at_gaps(recording: Recording, rate: float) -> list[Recording]:
     ]
 
 
-def _too_short(recording: Recording) -> LogError:
+def _make_length_error(recording: Recording) -> LogError:
     """Return the error for an episode with too few rows."""
     sentence = f"{recording.label} has {count_of(len(recording), 'row')}; at least {ENOUGH} are needed"
     if recording.gap:
@@ -124,7 +124,7 @@ def _read_tables(log: Path, mapping: Map) -> dict[str, LogTable]:
     """Read the log's files, by the keys of `[files]`."""
     files = mapping.layout.files
     if files is None:
-        if log.is_dir() and not folder_kind(mapping.layout.format):
+        if log.is_dir() and not find_folder_kind(mapping.layout.format):
             raise LogError(f"{log} is a folder, but the map reads single {mapping.layout.format} files.")
         tables = read_tables(log, mapping.layout)
         named = {key for key, table in tables.items() if mapping.joint_names in table.columns}
@@ -140,7 +140,7 @@ def _read_times(tables: dict[str, LogTable], mapping: Map) -> dict[str, np.ndarr
     """Read the times of each table [s], relative to the first row of the position table."""
     reference = mapping.position.source.table
     if not mapping.clock.column:
-        counts = {key: len(table.numbers(_any_column(mapping, key))) for key, table in tables.items()}
+        counts = {key: len(table.numbers(_select_column(mapping, key))) for key, table in tables.items()}
         if len(set(counts.values())) > 1:
             raise MapError(f"{tables[reference].path.parent}: files without a time column need equally many rows.")
         return {key: np.arange(count) / mapping.rate for key, count in counts.items()}
@@ -163,7 +163,7 @@ def _join(time: np.ndarray, given: np.ndarray, table: LogTable, mapping: Map) ->
     return match_rows(time, given, mapping.layout.join, mapping.layout.tolerance)
 
 
-def _any_column(mapping: Map, table: str) -> str:
+def _select_column(mapping: Map, table: str) -> str:
     """Return a column that the map reads from a table."""
     read = [mapping.position, mapping.command, *mapping.signals.values()]
     return next(quantity.source.columns[0] for quantity in read if quantity.source.table == table)
@@ -250,7 +250,7 @@ def _check_register(table: LogTable, quantity: LogQuantity, raw: np.ndarray) -> 
         )
 
 
-def _constant(tables: dict[str, LogTable], name: str, mapping: Map, rows: np.ndarray) -> object:
+def _read_constant(tables: dict[str, LogTable], name: str, mapping: Map, rows: np.ndarray) -> object:
     """Return a constant of the log or episode, from the file that has it."""
     for key, table in tables.items():
         if name in table.constants or name in table.columns:

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from nas_data.count_of import count_of
-from nas_data.dataset.rows import TextLines, rows_text
+from nas_data.dataset.rows import TextLines, format_rows
 from nas_data.errors import LogError, MapError
 
 Column: TypeAlias = pa.Array | pa.ChunkedArray | np.ndarray
@@ -44,7 +44,7 @@ class LogTable:
 
     def name_rows(self, rows: Sequence[int] | np.ndarray) -> str:
         """Return rows of the table as words for messages: as rows, and lines, of the file."""
-        return rows_text(rows if self.rows is None else self.rows[np.asarray(rows)], self.lines)
+        return format_rows(rows if self.rows is None else self.rows[np.asarray(rows)], self.lines)
 
     def column(self, name: str) -> Column:
         """Return a column as stored.
@@ -82,7 +82,7 @@ class LogTable:
             if pa.types.is_null(kind):
                 return np.full((len(column), 1), np.nan)
             raise LogError(f"{self.path}: the column '{name}' holds {kind}, not numbers; name another column.")
-        return _plain(column.cast(pa.float64()))[:, None]
+        return _convert_to_numpy(column.cast(pa.float64()))[:, None]
 
     def ticks(self, name: str, unit: str) -> np.ndarray:
         """Return a time column in its own unit, shape (N,).
@@ -94,9 +94,9 @@ class LogTable:
             LogError: cells are not times in this unit.
         """
         column = self.column(name)
-        whole = self._numpy_ticks(name, column, unit) if isinstance(column, np.ndarray) else None
+        whole = self._convert_numpy_ticks(name, column, unit) if isinstance(column, np.ndarray) else None
         if not isinstance(column, np.ndarray):
-            whole = self._arrow_ticks(name, column, unit)
+            whole = self._convert_arrow_ticks(name, column, unit)
         if whole is not None:
             return whole
         numbers = self.numbers(name)
@@ -123,7 +123,7 @@ class LogTable:
             raise LogError(f"{self.path}: '{name}' changes within the log, so it is no constant; give it as 'column'.")
         return number_or_text(values[0], self.decimal) if values else None
 
-    def _numpy_ticks(self, name: str, column: np.ndarray, unit: str) -> np.ndarray | None:
+    def _convert_numpy_ticks(self, name: str, column: np.ndarray, unit: str) -> np.ndarray | None:
         """Return an array of integers or dates as integers, shape (N,); None for others."""
         is_date = np.issubdtype(column.dtype, np.datetime64)
         self._check_date(name, is_date, unit)
@@ -131,7 +131,7 @@ class LogTable:
             return column.astype("datetime64[ns]").astype(np.int64)
         return column.astype(np.int64) if column.ndim == 1 and column.dtype.kind in "iu" else None
 
-    def _arrow_ticks(self, name: str, column: pa.Array, unit: str) -> np.ndarray | None:
+    def _convert_arrow_ticks(self, name: str, column: pa.Array, unit: str) -> np.ndarray | None:
         """Return a column of integers or dates, also as text, as integers, shape (N,); None for others."""
         if pa.types.is_string(column.type):
             kinds = [pa.timestamp("ns"), pa.timestamp("ns", "UTC")] if unit == "datetime" else [pa.int64()]
@@ -139,7 +139,7 @@ class LogTable:
             column = pc.replace_substring(column, self.decimal, ".") if unit == "datetime" else column
             for kind in kinds:
                 try:
-                    return None if column.null_count else _plain(column.cast(kind).cast(pa.int64()))
+                    return None if column.null_count else _convert_to_numpy(column.cast(kind).cast(pa.int64()))
                 except pa.ArrowInvalid:
                     continue
         is_date = pa.types.is_timestamp(column.type)
@@ -147,7 +147,11 @@ class LogTable:
         if is_date:
             column = column.cast(pa.timestamp("ns", column.type.tz)).cast(pa.int64())
         # Signed, so that a time that goes back becomes a negative step rather than a huge one.
-        return _plain(column.cast(pa.int64())) if pa.types.is_integer(column.type) and not column.null_count else None
+        return (
+            _convert_to_numpy(column.cast(pa.int64()))
+            if pa.types.is_integer(column.type) and not column.null_count
+            else None
+        )
 
     def _check_date(self, name: str, is_date: bool, unit: str) -> None:
         if is_date != (unit == "datetime"):
@@ -169,7 +173,7 @@ class LogTable:
             self._refuse_nulls(name, column)
             return self._from_json_cells(name, column.to_pylist())
         try:
-            return _plain(self._with_point(column).cast(pa.float64()))[:, None]
+            return _convert_to_numpy(self._with_point(column).cast(pa.float64()))[:, None]
         except pa.ArrowInvalid:
             cells, points = column.to_pylist(), self._with_point(column).to_pylist()
             row = next(row for row, cell in enumerate(points) if cell is not None and not _is_number(cell))
@@ -189,7 +193,7 @@ class LogTable:
 
     def _from_json_cells(self, name: str, cells: list[str]) -> np.ndarray:
         try:
-            return _matrix(json.loads(f"[{','.join(cells)}]"))
+            return _make_matrix(json.loads(f"[{','.join(cells)}]"))
         except (ValueError, TypeError):
             width = len(_list_of(cells[0]))
             row = next((row for row, cell in enumerate(cells) if len(_list_of(cell)) != width or not width), 0)
@@ -209,7 +213,7 @@ class LogTable:
                 f"{self.name_rows([row])}."
             )
         try:
-            flat = _plain(pc.list_flatten(column).cast(pa.float64()))
+            flat = _convert_to_numpy(pc.list_flatten(column).cast(pa.float64()))
         except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
             raise LogError(f"{self.path}: the column '{name}' holds {column.type}, not numbers.") from None
         return flat.reshape(len(column), -1) if len(column) else np.zeros((0, 1))
@@ -242,14 +246,14 @@ def number_or_text(value: object, decimal: str = ".") -> object:
     return int(text) if text.strip().lstrip("+-").isdecimal() else float(text)
 
 
-def _plain(column: pa.Array | pa.ChunkedArray) -> np.ndarray:
+def _convert_to_numpy(column: pa.Array | pa.ChunkedArray) -> np.ndarray:
     """Return an Arrow column as a NumPy array; nulls become NaN."""
     if isinstance(column, pa.ChunkedArray):
         return column.to_numpy()
     return column.to_numpy(zero_copy_only=False)
 
 
-def _matrix(rows: list[list[float]]) -> np.ndarray:
+def _make_matrix(rows: list[list[float]]) -> np.ndarray:
     """Return equal lists of numbers as an array.
 
     Raises:
@@ -272,6 +276,6 @@ def _is_number(cell: str) -> bool:
 def _list_of(cell: str) -> list[float]:
     """Return a cell's list of numbers; empty if it is none."""
     try:
-        return list(_matrix([json.loads(cell)])[0])
+        return list(_make_matrix([json.loads(cell)])[0])
     except (ValueError, TypeError):
         return []

@@ -19,7 +19,7 @@ ON_JOINT = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)  # equ
 DIRECT, TENDON = tuple(map(int, ON_JOINT)), int(mujoco.mjtTrn.mjTRN_TENDON)
 
 
-def driven_joint(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> str | None:
+def find_driven_joint(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> str | None:
     """Return the name of the joint that an actuator drives; None for actuators without control or joint."""
     if actuator.ctrlspec == int(mujoco.mjtCtrlInput.mjINPUT_NONE):
         return None
@@ -31,7 +31,7 @@ def driven_joint(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> str | Non
     return next((joint for joint in joints if spec.joint(joint) is not None), None)
 
 
-def driving_actuators(model: mujoco.MjModel, joint: int) -> np.ndarray:
+def find_driving_actuators(model: mujoco.MjModel, joint: int) -> np.ndarray:
     """Return the indices of the actuators with control that drive a joint of a compiled model, servos first."""
     name = model.joint(joint).name
     tendons = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, name + end) for end in TRANSMISSIONS]
@@ -47,15 +47,15 @@ def driving_actuators(model: mujoco.MjModel, joint: int) -> np.ndarray:
     return np.array(sorted(found, key=lambda actuator: (feedback[actuator, 1] == 0, actuator)), dtype=int)
 
 
-def servo_actuators(model: mujoco.MjModel, joint: int) -> list[int]:
+def find_servo_actuators(model: mujoco.MjModel, joint: int) -> list[int]:
     """Return the indices of the actuators that make up a joint's servo: the first that drives it, then its parts."""
-    driving = driving_actuators(model, joint)[:1].tolist()
+    driving = find_driving_actuators(model, joint)[:1].tolist()
     name = model.joint(joint).name
     parts = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name + part) for part in PARTS]
     return driving + [part for part in parts if part >= 0 and model.actuator_ctrlnum[part] == 0]
 
 
-def leverage(model: mujoco.MjModel, actuator: int, joint: int) -> float:
+def compute_leverage(model: mujoco.MjModel, actuator: int, joint: int) -> float:
     """Return the torque about a joint per unit of an actuator's force on that joint or on a fixed tendon."""
     gear = float(model.actuator_gear[actuator, 0])
     target = int(model.actuator_trnid[actuator, 0])
@@ -65,7 +65,7 @@ def leverage(model: mujoco.MjModel, actuator: int, joint: int) -> float:
     return gear * float(model.wrap_prm[wraps][model.wrap_objid[wraps] == joint].sum())
 
 
-def goal_joints(model: mujoco.MjModel) -> list[int]:
+def find_goal_joints(model: mujoco.MjModel) -> list[int]:
     """Return the indices of the goal joints of servos with a dead band; they are no part of the robot."""
     names = [model.joint(index).name for index in range(model.njnt)]
     tendons = {model.tendon(index).name for index in range(model.ntendon)}
@@ -74,7 +74,7 @@ def goal_joints(model: mujoco.MjModel) -> list[int]:
     ]
 
 
-def pad_joints(model: mujoco.MjModel) -> list[int]:
+def find_pad_joints(model: mujoco.MjModel) -> list[int]:
     """Return the indices of the joints of pads that servos press; they are no part of the robot."""
     names = [model.joint(index).name for index in range(model.njnt)]
     return [index for index, name in enumerate(names) if name.endswith(PAD) and name.removesuffix(PAD) in names]

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from nas_data.mjcf.unique_name import unique_name
+from nas_data.mjcf.unique_name import make_unique_name
 
 NEVER = -1.0  # value of `settotalmass` that disables it
 
@@ -16,7 +16,7 @@ def bake_inertia(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     """
     result = spec.copy()
     for number, body in enumerate(result.bodies):
-        body.name = body.name or unique_name(result.body, f"body{number}")
+        body.name = body.name or make_unique_name(result.body, f"body{number}")
     model = result.copy().compile()
     result.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
     result.compiler.settotalmass, result.compiler.balanceinertia = NEVER, False

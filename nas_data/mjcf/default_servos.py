@@ -15,7 +15,7 @@ def add_position_servos(spec: mujoco.MjSpec) -> None:
     """
     model = spec.copy().compile()
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    for name in motor_joints(spec):
+    for name in find_motor_joints(spec):
         joint, compiled = spec.joint(name), model.joint(name)
         inertia = float(model.dof_M0[compiled.dofadr[0]])
         servo = spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
@@ -31,7 +31,7 @@ def add_torque_motors(spec: mujoco.MjSpec) -> None:
     The effort limit of the URDF's joint limits the command.
     """
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    for name in motor_joints(spec):
+    for name in find_motor_joints(spec):
         joint = spec.joint(name)
         motor = spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         motor.set_to_motor()
@@ -39,7 +39,7 @@ def add_torque_motors(spec: mujoco.MjSpec) -> None:
             motor.ctrllimited, motor.ctrlrange = mujoco.mjtLimited.mjLIMITED_TRUE, np.array(joint.actfrcrange)
 
 
-def motor_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
+def find_motor_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
     """Return the names of the hinges and slides of a URDF that do not mimic another joint.
 
     MuJoCo imports `<mimic>` as an equality constraint whose first joint follows the second.

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from nas_data.errors import ModelFileError
-from nas_data.mjcf.strip_meshes import colliding_shapes, exact_xml, needs_files, strip_meshes
+from nas_data.mjcf.strip_meshes import count_colliding_geoms, format_exact_xml, needs_files, strip_meshes
 
 ASSETS = "assets"
 OTHER_MODELS = re.compile(r"<(?:model|include)\b[^>]*\bfile\s*=\s*[\"']([^\"']+)[\"']")
@@ -72,8 +72,8 @@ def write_portable(spec: mujoco.MjSpec, original: Path, path: Path) -> None:
     model = spec.compile()  # first: a copy of the spec loses changes of a sensor's object
     if not needs_files(spec):
         write(spec, original, path)
-    elif not (copy_files(spec.copy(), original, path) and reads_back(path, model)):
-        if colliding_shapes(spec):
+    elif not (copy_files(spec.copy(), original, path) and is_same_model(path, model)):
+        if count_colliding_geoms(spec):
             raise ModelFileError(
                 f"{original} cannot be written as a model of its own: some file with a shape that can touch others is "
                 "not where the model's own folders are; give a model that names all its files itself."
@@ -90,7 +90,7 @@ def write(spec: mujoco.MjSpec, original: Path, path: Path) -> None:
     spec.meshdir = spec.texturedir = ""
     try:
         spec.compile()
-        path.write_bytes(exact_xml(spec))
+        path.write_bytes(format_exact_xml(spec))
     except (ValueError, mujoco.FatalError) as error:
         raise export_error(original, error) from None
 
@@ -114,7 +114,7 @@ def copy_files(spec: mujoco.MjSpec, original: Path, path: Path) -> bool:
         assert file is not None
         reference.redirect(str(copy_asset(file, folder)))
     spec.compile()
-    text = exact_xml(spec).decode().replace(f'="{escape(str(folder), QUOTES)}/', f'="{ASSETS}/')
+    text = format_exact_xml(spec).decode().replace(f'="{escape(str(folder), QUOTES)}/', f'="{ASSETS}/')
     path.write_text(text, encoding="utf-8")
     return True
 
@@ -159,7 +159,7 @@ def copy_asset(file: Path, folder: Path) -> Path:
     return target
 
 
-def reads_back(path: Path, model: mujoco.MjModel) -> bool:
+def is_same_model(path: Path, model: mujoco.MjModel) -> bool:
     """Whether a model file has the same masses and assets as a compiled model."""
     try:
         read = mujoco.MjModel.from_xml_path(str(path))

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from nas_data.mjcf.actuator_lookup import driven_joint
+from nas_data.mjcf.actuator_lookup import find_driven_joint
 
 FREE_DOFS = 6  # degrees of freedom of a free joint
 LEVER = 1e-9  # smallest singular value of a constrained direction
@@ -11,7 +11,7 @@ LEVER = 1e-9  # smallest singular value of a constrained direction
 
 def find_floating_bases(spec: mujoco.MjSpec) -> tuple[str, ...]:
     """Return the names of bodies with a free joint that carry a driven joint and that no constraint fixes."""
-    driven = {driven_joint(spec, actuator) for actuator in spec.actuators} - {None}
+    driven = {find_driven_joint(spec, actuator) for actuator in spec.actuators} - {None}
     bases = [joint.parent for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
     carrying = [base for base in bases if any(joint.name in driven for joint in base.find_all("joint"))]
     if not carrying:

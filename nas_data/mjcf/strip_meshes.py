@@ -19,7 +19,7 @@ def needs_files(spec: mujoco.MjSpec) -> bool:
     return any(item.file for group in groups for item in group) or any(_from_file(item) for item in spec.textures)
 
 
-def colliding_shapes(spec: mujoco.MjSpec) -> int:
+def count_colliding_geoms(spec: mujoco.MjSpec) -> int:
     """Return the number of colliding geoms that `strip_meshes` would remove."""
     paired = {name for pair in spec.pairs for name in (pair.geomname1, pair.geomname2)}
     shapes = [geom for geom in spec.geoms if geom.type in SHAPES]
@@ -53,7 +53,7 @@ def strip_meshes(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     return alone
 
 
-def exact_xml(spec: mujoco.MjSpec) -> bytes:
+def format_exact_xml(spec: mujoco.MjSpec) -> bytes:
     """Return a compiled model as MJCF whose numbers read back exactly."""
     with _full_precision():
         return bytes(spec.to_xml().encode())

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 
-def unique_name(find: Callable[[str], object | None], name: str) -> str:
+def make_unique_name(find: Callable[[str], object | None], name: str) -> str:
     """Return a name, with a number appended if an element has it already.
 
     Args:

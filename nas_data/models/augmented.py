@@ -3,7 +3,7 @@
 import numpy as np
 
 from nas_data.errors import CheckpointError, JointMismatch
-from nas_data.models.divergence import out_of_bounds
+from nas_data.models.divergence import is_out_of_bounds
 from nas_data.models.frozen.freeze import freeze
 from nas_data.models.lstm import DynamicsModel
 from nas_data.simulators.base import Stepper
@@ -77,7 +77,7 @@ class LearnedStepper:
         base = stepped if self.model.kind == "delta" else self._states
         # the sum is float64, so that a zero correction leaves the source's state unchanged to the last bit
         self._states = base + self._network.changes(self._states, commands, base)
-        self._diverged |= out_of_bounds(self._states)
+        self._diverged |= is_out_of_bounds(self._states)
         if self._diverged.any():
             self.source.set_states(np.where(self._diverged[:, None], self.source.states, self._states))
             self._states[self._diverged] = np.nan

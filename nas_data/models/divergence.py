@@ -8,7 +8,7 @@ from nas_data.simulators.base import Simulator
 BOUND = 1e6  # [rad or rad/s] a larger state means divergence; float32 resolves such angles to 0.06 rad only
 
 
-def out_of_bounds(states: np.ndarray) -> np.ndarray:
+def is_out_of_bounds(states: np.ndarray) -> np.ndarray:
     """Return whether states (…, 2n) are not finite or exceed `BOUND`, shape (…)."""
     return ~(np.abs(states) < BOUND).all(axis=-1)
 

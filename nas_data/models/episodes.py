@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.pairing import object_states
+from nas_data.pairing import read_object_states
 from nas_data.simulators.base import Simulator
 
 
@@ -58,7 +58,7 @@ def read_episodes(
     """
     predicted = dataset.sim_states if dataset.paired else dataset.states
     columns = [dataset.states, dataset.commands, predicted, dataset.next_states]
-    columns += [] if simulator is None else [object_states(dataset, simulator)]
+    columns += [] if simulator is None else [read_object_states(dataset, simulator)]
     tensors = [torch.from_numpy(np.ascontiguousarray(column, dtype=np.float32)) for column in columns]
     return [
         Episode(*(tensor[dataset.episode(index)] for tensor in tensors))

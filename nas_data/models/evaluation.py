@@ -10,14 +10,14 @@ from nas_data.count_of import count_of
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION
 from nas_data.errors import JointMismatch
-from nas_data.joint_units import joint_unit
-from nas_data.metrics import Errors, table
+from nas_data.joint_units import find_joint_unit
+from nas_data.metrics import Errors, format_error_table
 from nas_data.models.augmented import LearnedStepper
 from nas_data.models.episodes import pad, read_episodes
 from nas_data.models.lstm import DynamicsModel
 from nas_data.models.threads import one_thread
-from nas_data.open_loop import batches, open_loop_source, padded_commands
-from nas_data.pairing import initial_states, pair
+from nas_data.open_loop import make_batches, pad_commands, roll_out_source
+from nas_data.pairing import pair, read_initial_states
 from nas_data.simulators.base import Simulator, Stepper
 
 MODEL = {"delta": "source + φ", "forward": "ψ"}
@@ -57,8 +57,8 @@ class Evaluation:
 
     def text(self) -> str:
         """Return both tables, followed by divergences and notes."""
-        steps = table(self.one_step, "One step: RMSE of the next position")
-        loop = table(self.open_loop, "Open loop: RMSE of positions, started once per episode")
+        steps = format_error_table(self.one_step, "One step: RMSE of the next position")
+        loop = format_error_table(self.open_loop, "Open loop: RMSE of positions, started once per episode")
         divergences = [
             describe_divergence(name, times, len(self.rollouts[name])) for name, times in self.diverged.items()
         ]
@@ -82,7 +82,7 @@ class Evaluation:
         one = next(iter(self.open_loop.values()))
         return {
             "unit": one.unit.si,
-            "units": {joint: joint_unit(joint, one.slides).si for joint in one.joints},
+            "units": {joint: find_joint_unit(joint, one.slides).si for joint in one.joints},
             "one_step": {name: errors.to_json() for name, errors in self.one_step.items()},
             "open_loop": {name: errors.to_json() for name, errors in self.open_loop.items()},
             "diverged": {
@@ -136,11 +136,11 @@ def evaluate(
     for name, other in others.items():
         predicted = pair(dataset, other).sim_states
         one_step = {name: [predicted[rows] for rows in dataset.episodes()]} | one_step
-        rollouts = {name: open_loop_source(dataset, other)} | rollouts
+        rollouts = {name: roll_out_source(dataset, other)} | rollouts
     if model is not None:
         name = MODEL[model.kind]
         one_step = {name: predict_one_step(dataset, model, simulator)} | one_step
-        rollouts = {name: open_loop_model(dataset, simulator, model, progress)} | rollouts
+        rollouts = {name: roll_out_model(dataset, simulator, model, progress)} | rollouts
     joints = dataset.joints
     return Evaluation(
         {name: Errors.of(joints, predicted, measured, dataset.slides) for name, predicted in one_step.items()},
@@ -165,7 +165,7 @@ def predict_baselines(
     rollouts: dict[str, list[np.ndarray]] = {}
     if simulator is not None:
         one_step["source"] = [dataset.sim_states[row] for row in rows]
-        rollouts["source"] = open_loop_source(dataset, simulator)
+        rollouts["source"] = roll_out_source(dataset, simulator)
     one_step["hold"] = [dataset.states[row] for row in rows]
     rollouts["hold"] = [np.repeat(dataset.states[row.start][None], row.stop - row.start, axis=0) for row in rows]
     if dataset.commands_positions:
@@ -188,7 +188,7 @@ def predict_one_step(dataset: Dataset, model: DynamicsModel, simulator: Simulato
 def compute_changes(dataset: Dataset, model: DynamicsModel) -> list[np.ndarray]:
     """Return the model's correction at each measured transition; a list of (T, 2n), or (T, n) for commands."""
     result: list[np.ndarray] = []
-    for batch in batches(dataset.lengths, ordered=False):
+    for batch in make_batches(dataset.lengths, ordered=False):
         episodes = read_episodes(dataset, batch)
         padded, _ = pad(episodes)
         with torch.no_grad():
@@ -198,7 +198,7 @@ def compute_changes(dataset: Dataset, model: DynamicsModel) -> list[np.ndarray]:
 
 
 @one_thread()
-def open_loop_model(
+def roll_out_model(
     dataset: Dataset,
     simulator: Simulator | None,
     model: DynamicsModel,
@@ -211,15 +211,15 @@ def open_loop_model(
     """
     if simulator is None and model.kind == "delta":
         raise JointMismatch("A delta model corrects a simulator; give the source that it was trained with.")
-    plan = batches(dataset.lengths)
+    plan = make_batches(dataset.lengths)
     total, done = sum(int(dataset.lengths[batch].max()) for batch in plan), 0
-    initial = initial_states(dataset, simulator)
+    initial = read_initial_states(dataset, simulator)
     result: list[np.ndarray] = [np.empty(0)] * dataset.n_episodes
     for batch in plan:
         source = simulator.stepper(len(batch)) if simulator is not None else StaticStepper(dataset.joints, len(batch))
         stepper = LearnedStepper(source, model)
         stepper.reset(initial[batch])
-        commands = padded_commands(dataset, batch)
+        commands = pad_commands(dataset, batch)
         states = np.empty((len(batch), commands.shape[1], dataset.states.shape[1]))
         for step in range(commands.shape[1]):
             states[:, step] = stepper.step(commands[:, step])

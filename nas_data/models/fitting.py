@@ -38,9 +38,9 @@ def prepare(model: DynamicsModel, transitions: Episode, simulator: Simulator | N
     # A constant output is predicted as constant; a constant input is not scaled.
     for name, values, constant in (("input", inputs, 1.0), ("output", outputs, CONSTANT)):
         model.get_buffer(f"{name}_mean").copy_(values.mean(0))
-        model.get_buffer(f"{name}_std").copy_(standard_deviations(values, constant))
+        model.get_buffer(f"{name}_std").copy_(compute_standard_deviations(values, constant))
     if model.shortcut is not None:
-        weight, bias = ridge(model.inputs.normalise(inputs), model.outputs.normalise(outputs))
+        weight, bias = fit_ridge(model.inputs.normalise(inputs), model.outputs.normalise(outputs))
         with torch.no_grad():
             model.shortcut.weight.copy_(weight)
             model.shortcut.bias.copy_(bias)
@@ -95,13 +95,13 @@ def shrink_shortcut(model: DynamicsModel, error: Callable[[], float]) -> tuple[f
     return 0.0, with_share(0.0)
 
 
-def standard_deviations(values: Tensor, constant: float) -> Tensor:
+def compute_standard_deviations(values: Tensor, constant: float) -> Tensor:
     """Return standard deviations (d,) of values (N, d); constant components get the value `constant`."""
     deviation = values.std(0, correction=0)
     return torch.where(deviation > CONSTANT, deviation, torch.full_like(deviation, constant))
 
 
-def ridge(inputs: Tensor, outputs: Tensor) -> tuple[Tensor, Tensor]:
+def fit_ridge(inputs: Tensor, outputs: Tensor) -> tuple[Tensor, Tensor]:
     """Fit outputs ≈ inputs @ weight.T + bias by ridge regression in float64.
 
     Returns:

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from nas_data.joint_units import radians_at
+from nas_data.joint_units import compute_angle_scales
 from nas_data.simulators.base import Simulator
 
-# For slides the steps are multiplied by the equivalent of a radian, see `joint_units.radians_at`.
+# For slides the steps are multiplied by the equivalent of a radian, see `joint_units.compute_angle_scales`.
 POSITION_STEP = 0.03  # [rad] large enough to average over friction and saturation
 VELOCITY_STEP = 0.3  # [rad/s]
 COMMAND_STEP = 0.3  # [N·m; N]
@@ -28,7 +28,7 @@ def estimate_jacobians(
     """
     width = predicted.shape[1]
     travel = np.ptp(states[:, : width // 2], axis=0)
-    radians = radians_at(simulator.joints, simulator.slides, travel)
+    radians = compute_angle_scales(simulator.joints, simulator.slides, travel)
     steps = np.concatenate([POSITION_STEP * radians, VELOCITY_STEP * radians])
     slopes = np.empty((len(states), width, width))
     for column, step in enumerate(steps):

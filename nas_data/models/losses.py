@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from nas_data.errors import DatasetInvalid
-from nas_data.joint_units import mean_of_kind
+from nas_data.joint_units import average_by_kind
 from nas_data.models.divergence import predict_bounded
 from nas_data.models.episodes import Episode, cut_episodes, join, pad
 from nas_data.models.jacobians import estimate_jacobians
@@ -54,7 +54,7 @@ class TeacherForcing:
         self.per_validation = -(-len(self.segments) // options.batch)
         self.updates = options.epochs * self.per_validation
         self.rate = options.rate
-        self.bf16 = options.bf16 and device.type == "cpu" and processor_has_bf16()
+        self.bf16 = options.bf16 and device.type == "cpu" and has_cpu_bf16()
 
     def loss(self, update: int) -> Tensor:
         """Return the mean squared normalised error of one batch of segments."""
@@ -64,10 +64,10 @@ class TeacherForcing:
         chosen = order[first : first + self.options.batch]
         batch, mask = pad([self.segments[index] for index in chosen])
         with torch.autocast("cpu", torch.bfloat16, enabled=self.bf16):
-            return one_step_loss(self.model, batch, mask, self.device)
+            return compute_one_step_loss(self.model, batch, mask, self.device)
 
 
-def one_step_loss(model: DynamicsModel, batch: Episode, mask: Tensor, device: torch.device) -> Tensor:
+def compute_one_step_loss(model: DynamicsModel, batch: Episode, mask: Tensor, device: torch.device) -> Tensor:
     """Return the mean squared normalised error over the recorded frames of a padded batch (B, T, …)."""
     states, commands, predicted = (x.to(device) for x in (batch.states, batch.commands, batch.predicted))
     base = predicted if model.kind == "delta" else states
@@ -157,7 +157,7 @@ class FreeRunning:
 
     def _scale(self, spread: Tensor, slides: Collection[str]) -> Tensor:
         """Return, for each joint, the mean of standard deviations (n,) over the joints of its kind, shape (n,)."""
-        means = mean_of_kind(spread.double().numpy(), self.model.joints, slides)
+        means = average_by_kind(spread.double().numpy(), self.model.joints, slides)
         return torch.from_numpy(means).float().clamp_min(1e-6).to(self.device)
 
     def _estimate_jacobians(self, simulator: Simulator, episode: Episode) -> Tensor:
@@ -175,7 +175,7 @@ class FreeRunning:
         """Return the loss of one batch of windows: smooth absolute position errors, squared velocity errors."""
         windows = self._draw_windows(update)
         batch, _ = pad([self.episodes[w.episode].window(w.start, w.length) for w in windows])
-        jacobians = self._window_jacobians(windows)
+        jacobians = self._stack_window_jacobians(windows)
         states = batch.states[:, 0].to(self.device)
         commands = batch.commands.to(self.device)
         memory = self._read_history(windows)
@@ -282,7 +282,7 @@ class FreeRunning:
         predicted = linear + (torch.from_numpy(exact).float().to(self.device) - linear).detach()
         return predicted, torch.from_numpy(refused)
 
-    def _window_jacobians(self, windows: Sequence[FrameWindow]) -> Tensor | None:
+    def _stack_window_jacobians(self, windows: Sequence[FrameWindow]) -> Tensor | None:
         """Return the source's Jacobians along the windows, shape (B, T, 2n, 2n), or (B, T, 2n, 3n) with commands."""
         if self.jacobians is None:
             return None
@@ -295,6 +295,6 @@ def scale_gradient(values: Tensor, factor: float) -> Tensor:
     return torch.lerp(values.detach(), values, factor)
 
 
-def processor_has_bf16() -> bool:
+def has_cpu_bf16() -> bool:
     """Whether the CPU has bfloat16 matrix products; without them bfloat16 is slower than float32."""
     return bool(torch.cpu._is_avx512_bf16_supported())

@@ -26,7 +26,7 @@ class Optimiser:
         self.training = training
         self.adamw = torch.optim.AdamW(training.model.parameters(), lr=1e-3, weight_decay=training.options.weight_decay)
         decay = training.options.average
-        self.average = AveragedModel(training.model, multi_avg_fn=running_mean(decay)) if decay else None
+        self.average = AveragedModel(training.model, multi_avg_fn=make_running_mean(decay)) if decay else None
 
     @property
     def model(self) -> DynamicsModel:
@@ -60,7 +60,7 @@ class Optimiser:
         return phase.rate * warm * (0.5 + 0.5 * float(torch.cos(torch.tensor(share * torch.pi)))) + 1e-5
 
 
-def running_mean(decay: float) -> Callable[[Tensors, Tensors, Tensor | int], None]:
+def make_running_mean(decay: float) -> Callable[[Tensors, Tensors, Tensor | int], None]:
     """Return the update function of averaged weights: an exponential mean, with less decay in the first updates."""
 
     @torch.no_grad()

@@ -137,12 +137,12 @@ class TrainingRun:
             )
         return error
 
-    def _identity(self) -> str:
-        return identity(self.training.model, asdict(self.training.options))
+    def _format_identity(self) -> str:
+        return format_identity(self.training.model, asdict(self.training.options))
 
     def _store(self) -> None:
         content = {
-            "identity": self._identity(),
+            "identity": self._format_identity(),
             "progress": asdict(self.progress),
             "model": self.training.model.state_dict(),
             "optimiser": self.optimiser.adamw.state_dict(),
@@ -158,7 +158,7 @@ class TrainingRun:
             self._check_empty()
             return
         content = torch.load(path, weights_only=True, map_location=self.training.device)
-        if content["identity"] != self._identity():
+        if content["identity"] != self._format_identity():
             raise OutputExists(
                 f"{self.folder} holds an unfinished training of other options, data or source; remove it."
             )
@@ -178,15 +178,15 @@ class TrainingRun:
         if self.folder.is_dir() and all(entry.name == PARTIAL for entry in self.folder.iterdir()):
             return
         if (self.folder / HISTORY).is_file() and (self.folder / CHECKPOINT / checkpoint.CONFIG).is_file():
-            raise OutputExists(self._finished_message())
+            raise OutputExists(self._describe_finished())
         if self.folder.exists():
             raise OutputExists(f"{self.folder} exists and holds something else; choose another --out or remove it.")
 
-    def _finished_message(self) -> str:
+    def _describe_finished(self) -> str:
         """Return the error for a folder with a finished training: this one or another one."""
         stored = self.folder / CHECKPOINT
         model = checkpoint.load_frozen(stored)
-        if identity(model, model.provenance.get("training")) == self._identity():
+        if format_identity(model, model.provenance.get("training")) == self._format_identity():
             return (
                 f"{self.folder} holds this training, finished: its checkpoint is {stored}; to train again, remove it."
             )
@@ -196,7 +196,7 @@ class TrainingRun:
         )
 
 
-def identity(model: DynamicsModel, options: object) -> str:
+def format_identity(model: DynamicsModel, options: object) -> str:
     """Return options, kind, data and source as text; a training continues only if they are equal."""
     data = {key: model.provenance.get(key) for key in ("dataset", "source")}
     return json.dumps({"options": options, "kind": model.kind, **data}, sort_keys=True, default=str)

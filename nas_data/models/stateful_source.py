@@ -7,9 +7,9 @@ import torch
 from torch import Tensor
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import SIM_STATE, state_feature
+from nas_data.dataset.features import SIM_STATE, make_state_feature
 from nas_data.models.episodes import Episode
-from nas_data.pairing import scene_states
+from nas_data.pairing import read_scene_states
 from nas_data.simulators.base import Simulator, Stepper
 
 BATCH = 64  # episodes stepped together
@@ -26,12 +26,12 @@ def predict_with_memory(dataset: Dataset, simulator: Simulator) -> Dataset:
         starts = np.array([rows.start for rows in episodes[first : first + BATCH]])
         lengths = np.array([rows.stop - rows.start for rows in episodes[first : first + BATCH]])
         stepper = simulator.stepper(len(starts))
-        stepper.reset(scene_states(dataset, simulator, starts).astype(float))
+        stepper.reset(read_scene_states(dataset, simulator, starts).astype(float))
         for step in range(lengths.max()):
             rows = starts + np.minimum(step, lengths - 1)
             after = step_from(stepper, dataset.states[rows], dataset.commands[rows])
             predicted[rows[step < lengths]] = after[step < lengths]
-    return dataset.with_column(SIM_STATE, state_feature(dataset.joints, dataset.slides), predicted)
+    return dataset.with_column(SIM_STATE, make_state_feature(dataset.joints, dataset.slides), predicted)
 
 
 def start_at_windows(simulator: Simulator, episodes: Sequence[Episode], starts: np.ndarray, longest: int) -> Stepper:

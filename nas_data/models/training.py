@@ -9,12 +9,12 @@ import torch
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import EFFORT
 from nas_data.errors import DatasetInvalid, JointMismatch, OptionError
-from nas_data.joint_units import SHARE, JointUnit, kinds_of, mean_of_kind
+from nas_data.joint_units import SHARE, JointUnit, average_by_kind, group_by_kind
 from nas_data.metrics import Errors
 from nas_data.models.episodes import cut_episodes, join, pad, read_episodes
-from nas_data.models.evaluation import open_loop_model
+from nas_data.models.evaluation import roll_out_model
 from nas_data.models.fitting import CONSTANT, prepare, shrink_shortcut
-from nas_data.models.losses import FreeRunning, Phase, TeacherForcing, one_step_loss
+from nas_data.models.losses import FreeRunning, Phase, TeacherForcing, compute_one_step_loss
 from nas_data.models.lstm import DynamicsModel, Kind
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.split import select_frames, split_validation
@@ -83,8 +83,8 @@ class ModelTraining:
             if self.free
             else TeacherForcing(self.model, episodes, options, self.device)
         )
-        self.rollouts = validation_rollouts(self.split.validation)
-        self.scales = error_scales(self.split.train)
+        self.rollouts = cut_validation_rollouts(self.split.validation)
+        self.scales = compute_error_scales(self.split.train)
 
     def _build(self, kind: Kind, dataset: Dataset, provenance: Mapping[str, object]) -> DynamicsModel:
         torch.manual_seed(self.options.seed)
@@ -111,7 +111,7 @@ class ModelTraining:
     @property
     def unit(self) -> JointUnit | None:
         """Unit of the validation error; None for normalised one-step errors."""
-        kinds = kinds_of(self.split.train.joints, self.split.train.slides)
+        kinds = group_by_kind(self.split.train.joints, self.split.train.slides)
         return None if not self.free else kinds[0][0] if len(kinds) == 1 else SHARE
 
     @property
@@ -127,7 +127,7 @@ class ModelTraining:
         model = model or self.model
         model.eval()
         with torch.no_grad():
-            error = self._open_loop_error(model) if self.free else self._one_step_error(model)
+            error = self._measure_open_loop_error(model) if self.free else self._measure_one_step_error(model)
         model.train()
         return error
 
@@ -137,17 +137,17 @@ class ModelTraining:
             return 1.0, self.validation_error()
         return shrink_shortcut(self.model, self.validation_error)
 
-    def _open_loop_error(self, model: DynamicsModel) -> float:
+    def _measure_open_loop_error(self, model: DynamicsModel) -> float:
         model.to("cpu")
-        predicted = open_loop_model(self.rollouts, self.simulator, model)
+        predicted = roll_out_model(self.rollouts, self.simulator, model)
         measured = [self.rollouts.next_states[rows] for rows in self.rollouts.episodes()]
         model.to(self.device)
         error = Errors.of(self.rollouts.joints, predicted, measured).over(self.scales)
         return error if np.isfinite(error) else float("inf")
 
-    def _one_step_error(self, model: DynamicsModel) -> float:
+    def _measure_one_step_error(self, model: DynamicsModel) -> float:
         batch, mask = pad(cut_episodes(read_episodes(self.split.validation), self.options.segment))
-        return float(one_step_loss(model, batch, mask, self.device))
+        return float(compute_one_step_loss(model, batch, mask, self.device))
 
 
 def check_torques(kind: Kind, dataset: Dataset, options: TrainingOptions, simulator: Simulator | None) -> None:
@@ -182,15 +182,15 @@ def find_device(name: str | None) -> torch.device:
     return device
 
 
-def error_scales(train: Dataset) -> np.ndarray:
+def compute_error_scales(train: Dataset) -> np.ndarray:
     """Return the divisors of joint errors in averages, shape (n,): 1 if all joints are of one kind."""
     joints, slides = train.joints, train.slides
-    if len(kinds_of(joints, slides)) == 1:
+    if len(group_by_kind(joints, slides)) == 1:
         return np.ones(len(joints))
-    return np.maximum(mean_of_kind(train.states[:, : len(joints)].std(axis=0), joints, slides), CONSTANT)
+    return np.maximum(average_by_kind(train.states[:, : len(joints)].std(axis=0), joints, slides), CONSTANT)
 
 
-def validation_rollouts(held: Dataset) -> Dataset:
+def cut_validation_rollouts(held: Dataset) -> Dataset:
     """Cut validation data into rollouts of bounded length, each of which starts at a measured state."""
     starts = [
         (start, min(start + SEGMENT, rows.stop))

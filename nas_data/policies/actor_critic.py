@@ -26,8 +26,8 @@ class ActorCritic(ActorCriticPolicy):
         super()._build(lr_schedule)
         assert self.activation_fn is nn.Tanh
         self._own = list(super().parameters())
-        self._actor = [*layers(self.mlp_extractor.policy_net), *layers(self.action_net)]
-        self._critic = [*layers(self.mlp_extractor.value_net), *layers(self.value_net)]
+        self._actor = [*list_linear_layers(self.mlp_extractor.policy_net), *list_linear_layers(self.action_net)]
+        self._critic = [*list_linear_layers(self.mlp_extractor.value_net), *list_linear_layers(self.value_net)]
 
     def parameters(self, recurse: bool = True) -> Iterator[nn.Parameter]:
         """Return all parameters, from a list once they are built."""
@@ -36,30 +36,30 @@ class ActorCritic(ActorCriticPolicy):
 
     def forward(self, obs: Tensor, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:
         """Return actions (B, a), values (B, 1) and the actions' log probabilities (B,) for observations (B, o)."""
-        mean, deviation, logarithm = self._gaussian(obs)
+        mean, deviation, logarithm = self._compute_gaussian(obs)
         actions = mean if deterministic else mean + torch.randn_like(mean) * deviation
-        return actions, through(self._critic, obs), log_probability(actions, mean, deviation, logarithm)
+        return actions, apply_layers(self._critic, obs), compute_log_probability(actions, mean, deviation, logarithm)
 
     def evaluate_actions(self, obs: PyTorchObs, actions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Return values (B, 1), and log probabilities (B,) of actions (B, a) and the entropy (B,) of theirs."""
         assert isinstance(obs, Tensor)
-        mean, deviation, logarithm = self._gaussian(obs)
+        mean, deviation, logarithm = self._compute_gaussian(obs)
         entropy = (0.5 + HALF_LOG_TAU + logarithm).sum(dim=1)
-        return through(self._critic, obs), log_probability(actions, mean, deviation, logarithm), entropy
+        return apply_layers(self._critic, obs), compute_log_probability(actions, mean, deviation, logarithm), entropy
 
-    def _gaussian(self, observations: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def _compute_gaussian(self, observations: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Return means, standard deviations and their logarithms, each of shape (B, a)."""
-        mean = through(self._actor, observations)
+        mean = apply_layers(self._actor, observations)
         deviation = self.log_std.exp().expand_as(mean)
         return mean, deviation, deviation.log()
 
 
-def layers(network: nn.Module) -> Layers:
+def list_linear_layers(network: nn.Module) -> Layers:
     """Return the linear layers of a network in their order."""
     return [(part.weight, part.bias) for part in network.modules() if isinstance(part, nn.Linear)]
 
 
-def through(network: Layers, values: Tensor) -> Tensor:
+def apply_layers(network: Layers, values: Tensor) -> Tensor:
     """Send values (B, d) through layers, with a tanh between them."""
     *hidden, (weight, bias) = network
     for inner, offset in hidden:
@@ -67,7 +67,7 @@ def through(network: Layers, values: Tensor) -> Tensor:
     return linear(values, weight, bias)
 
 
-def log_probability(values: Tensor, mean: Tensor, deviation: Tensor, logarithm: Tensor) -> Tensor:
+def compute_log_probability(values: Tensor, mean: Tensor, deviation: Tensor, logarithm: Tensor) -> Tensor:
     """Return the log probability density of values (B, a) under independent Gaussians, shape (B,)."""
     apart = -((values - mean) ** 2) / (2 * deviation**2)
     return (apart - logarithm - HALF_LOG_TAU).sum(dim=1)

@@ -15,9 +15,9 @@ from nas_data.policies.learner import Hyperparameters, PolicyTraining
 from nas_data.policies.policy import load_policy, read_progress
 from nas_data.policies.ppo import check_folder, train
 from nas_data.policies.result import DivergedEpisodes, EvaluationTime, PolicyResult, read_result
-from nas_data.policies.share import Share, Stake, share, share_heading, stake
+from nas_data.policies.share import Share, Stake, compute_share, compute_stake, format_share_heading
 from nas_data.policies.tables import align_columns
-from nas_data.runs.code_hash import code_hash
+from nas_data.runs.code_hash import hash_code
 from nas_data.runs.parallel import run_jobs
 from nas_data.runs.progress import Report, say, silence
 
@@ -76,7 +76,7 @@ class Run:
             "training": {**training.identity(), "frames": training.rollouts * rollout},
             "target": self.target.describe(),
             "episodes": self.episodes,
-            "code": code_hash(*self.target.modules(), "nas_data.policies.evaluate"),
+            "code": hash_code(*self.target.modules(), "nas_data.policies.evaluate"),
         }
 
 
@@ -221,13 +221,13 @@ class Comparison:
         ends = {SOURCE_METHOD, EXPERT_METHOD}
         if method in ends or not ends <= set(self.study.methods):
             return None
-        return share(self.values(method), self.values(SOURCE_METHOD), self.values(EXPERT_METHOD))
+        return compute_share(self.values(method), self.values(SOURCE_METHOD), self.values(EXPERT_METHOD))
 
     def at_stake(self) -> Stake | None:
         """Return the difference of expert and source returns; None if one of them is not compared."""
         if not {SOURCE_METHOD, EXPERT_METHOD} <= set(self.study.methods):
             return None
-        return stake(self.values(SOURCE_METHOD), self.values(EXPERT_METHOD))
+        return compute_stake(self.values(SOURCE_METHOD), self.values(EXPERT_METHOD))
 
     def describe(self) -> dict[str, object]:
         """Return the comparison for JSON."""
@@ -254,7 +254,7 @@ class Comparison:
 
     def table(self) -> str:
         """Return the comparison as text."""
-        closed = share_heading(len(self.study.seeds))
+        closed = format_share_heading(len(self.study.seeds))
         headers = ("method", "seeds", "return: median", "min … max", "success: median", closed)
         at_stake = self.at_stake()
         nothing = None if at_stake is None else at_stake.sentence()

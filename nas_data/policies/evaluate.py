@@ -92,7 +92,7 @@ def roll_out(task: Task, stepper: Stepper, begin: Callable[[TaskBatch], Controll
     return Returns(returns=returns, successes=successes, lengths=lengths, diverged=diverged)
 
 
-def zero_action(arena: TaskBatch) -> Controller:
+def act_with_zeros(arena: TaskBatch) -> Controller:
     """Act with zeros, the middle of every range."""
     actions = np.zeros((arena.size, *arena.task.action_space.shape))
     return lambda _: actions
@@ -104,7 +104,7 @@ def hold_start(arena: TaskBatch) -> Controller:
     return lambda _: actions
 
 
-def random_actions(arena: TaskBatch) -> Controller:
+def act_randomly(arena: TaskBatch) -> Controller:
     """Draw every action uniformly."""
     rng = np.random.default_rng(SEED)
     shape = (arena.size, *arena.task.action_space.shape)
@@ -112,9 +112,9 @@ def random_actions(arena: TaskBatch) -> Controller:
 
 
 BASELINES: Mapping[str, Callable[[TaskBatch], Controller]] = {
-    "zero action": zero_action,
+    "zero action": act_with_zeros,
     "hold the start": hold_start,
-    "random actions": random_actions,
+    "random actions": act_randomly,
 }
 
 

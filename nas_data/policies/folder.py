@@ -56,7 +56,7 @@ class Row:
     value_loss: float
 
 
-def statistics(normalised: VecNormalize) -> tuple[RunningMeanStd, RunningMeanStd]:
+def read_running_statistics(normalised: VecNormalize) -> tuple[RunningMeanStd, RunningMeanStd]:
     """Return the running statistics of observations and of discounted returns."""
     assert isinstance(normalised.obs_rms, RunningMeanStd)  # a dict only where observations are dicts
     return normalised.obs_rms, normalised.ret_rms
@@ -85,7 +85,7 @@ def save_policy(
 ) -> None:
     """Write the present policy: weights and observation statistics, learning curve, then the configuration."""
     tensors = {name: tensor.contiguous() for name, tensor in ppo.policy.state_dict().items()}
-    observation, _ = statistics(normalised)
+    observation, _ = read_running_statistics(normalised)
     tensors |= {MEAN: torch.from_numpy(observation.mean.copy()), VARIANCE: torch.from_numpy(observation.var.copy())}
     write_whole(folder / WEIGHTS, save(tensors))
     text = io.StringIO()
@@ -102,7 +102,7 @@ def save_state(ppo: PPO, normalised: VecNormalize, progress: list[Row], folder: 
     tensors = {WEIGHT_PREFIX + name: tensor.contiguous() for name, tensor in ppo.policy.state_dict().items()}
     for number, memory in ppo.policy.optimizer.state_dict()["state"].items():
         tensors |= {f"{OPTIMISER_PREFIX}{number}.{key}": value.contiguous() for key, value in memory.items()}
-    for name, running in zip(STATISTICS, statistics(normalised), strict=True):
+    for name, running in zip(STATISTICS, read_running_statistics(normalised), strict=True):
         for part in ("mean", "var", "count"):
             value = np.array(getattr(running, part), dtype=np.float64)
             tensors[f"statistics.{name}.{part}"] = torch.from_numpy(value)
@@ -123,7 +123,7 @@ def resume(ppo: PPO, normalised: VecNormalize, progress: list[Row], folder: Path
         tensors = load_file(path)
         ppo.policy.load_state_dict(with_prefix(tensors, WEIGHT_PREFIX))
         restore_optimiser(ppo.policy.optimizer, with_prefix(tensors, OPTIMISER_PREFIX))
-        for name, running in zip(STATISTICS, statistics(normalised), strict=True):
+        for name, running in zip(STATISTICS, read_running_statistics(normalised), strict=True):
             running.mean = tensors[f"statistics.{name}.mean"].numpy()
             running.var = tensors[f"statistics.{name}.var"].numpy()
             running.count = float(tensors[f"statistics.{name}.count"])

@@ -34,14 +34,14 @@ class Interval:
     @property
     def kind(self) -> str:
         """Kind of interval, for a column heading."""
-        return kind_of(self.seeds)
+        return describe_interval(self.seeds)
 
     def describe(self) -> dict[str, object]:
         """Return the interval for JSON."""
         return {"low": self.low, "high": self.high, "kind": self.kind, "level": self.level}
 
 
-def kind_of(seeds: int) -> str:
+def describe_interval(seeds: int) -> str:
     """Return a phrase for the interval of a median over seeds."""
     if seeds < FEW:
         return f"range of {count_of(seeds, 'seed')}"
@@ -50,12 +50,12 @@ def kind_of(seeds: int) -> str:
     )
 
 
-def bootstrap_of(seeds: int) -> str:
+def describe_bootstrap(seeds: int) -> str:
     """Return a phrase for a bootstrap interval over seeds; with few seeds its coverage is below its level."""
     return f"bootstrap of {count_of(seeds, 'seed')}" if seeds <= FEW else f"bootstrap, {LEVEL:.0%}"
 
 
-def median_interval(values: np.ndarray) -> Interval:
+def compute_median_interval(values: np.ndarray) -> Interval:
     """Return the interval of the median of values over seeds, shape (seeds,)."""
     if len(values) <= FEW:
         return Interval(float(values.min()), float(values.max()), len(values))
@@ -63,11 +63,11 @@ def median_interval(values: np.ndarray) -> Interval:
     return Interval(float(low), float(high), len(values))
 
 
-def median_text(values: np.ndarray) -> str:
+def format_median(values: np.ndarray) -> str:
     """Return the median over seeds, with its interval if there are several seeds."""
     if len(values) < 2:
         return f"{np.median(values):.2f}"
-    found = median_interval(values)
+    found = compute_median_interval(values)
     return f"{np.median(values):.2f} [{found.low:.2f}, {found.high:.2f}]"
 
 

@@ -17,8 +17,8 @@ from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import SimulationDiverged
 from nas_data.policies import folder as files
 from nas_data.policies.actor_critic import ActorCritic
-from nas_data.runs.code_hash import code_hash
-from nas_data.runs.environment_info import commit, versions
+from nas_data.runs.code_hash import hash_code
+from nas_data.runs.environment_info import find_commit, read_versions
 from nas_data.simulators.base import Stepper
 
 TRAINED_BY = "nas_data.policies.ppo"  # module that runs the steps of this one
@@ -86,7 +86,7 @@ class PolicyTraining:
             "plant": self.plant.describe(),
             "seed": self.seed,
             "hyperparameters": {**asdict(self.hyperparameters), "hidden": list(self.hyperparameters.hidden)},
-            "code": code_hash(*self.plant.modules(), TRAINED_BY),
+            "code": hash_code(*self.plant.modules(), TRAINED_BY),
         }
 
     def circumstances(self) -> dict[str, object]:
@@ -94,8 +94,8 @@ class PolicyTraining:
         return {
             "checkpoint": self.plant.checkpoint,
             "effects": self.plant.effects,
-            "versions": versions(),
-            "commit": commit(),
+            "versions": read_versions(),
+            "commit": find_commit(),
         }
 
 
@@ -121,7 +121,7 @@ class Learner:
         self.arms = ArmVecEnv(training.plant.task, stepper)
         self.normalised = VecNormalize(self.arms, gamma=p.discount)
         self.progress: list[files.Row] = []
-        self.ppo = new_ppo(self.normalised, p, training.seed)
+        self.ppo = make_ppo(self.normalised, p, training.seed)
 
     @property
     def done(self) -> int:
@@ -171,7 +171,7 @@ class Learner:
         self.ppo.set_env(self.normalised, force_reset=True)
 
 
-def new_ppo(environment: VecEnv, p: Hyperparameters, seed: int) -> PPO:
+def make_ppo(environment: VecEnv, p: Hyperparameters, seed: int) -> PPO:
     """Return PPO that has learned nothing yet, silent and on one thread."""
     torch.set_num_threads(1)  # the networks are too small for several threads; other cores train other seeds
     ppo = PPO(

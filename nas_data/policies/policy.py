@@ -11,7 +11,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load_file
 
 from nas_data.errors import CheckpointError
-from nas_data.visible_files import visible
+from nas_data.visible_files import list_visible_files
 
 CONFIG = "config.json"
 WEIGHTS = "policy.safetensors"
@@ -40,11 +40,11 @@ class Policy:
         """Return the mean actions (B, a), clipped to [-1, 1], for raw observations (B, o)."""
         scale = np.sqrt(self.tensors[VARIANCE] + EPSILON)
         values = np.clip((observations - self.tensors[MEAN]) / scale, -CLIP, CLIP).astype(np.float32)
-        for layer in hidden_layers(self.tensors):
-            values = np.tanh(self._linear(layer, values))
-        return np.clip(self._linear(OUTPUT, values), -1.0, 1.0)
+        for layer in list_hidden_layers(self.tensors):
+            values = np.tanh(self._apply_linear(layer, values))
+        return np.clip(self._apply_linear(OUTPUT, values), -1.0, 1.0)
 
-    def _linear(self, layer: str, values: np.ndarray) -> np.ndarray:
+    def _apply_linear(self, layer: str, values: np.ndarray) -> np.ndarray:
         return values @ self.tensors[f"{layer}.weight"].T + self.tensors[f"{layer}.bias"]
 
     @property
@@ -64,7 +64,7 @@ class Policy:
         return int(str(self.config.get("frames", 0)))
 
 
-def hidden_layers(tensors: Mapping[str, np.ndarray]) -> list[str]:
+def list_hidden_layers(tensors: Mapping[str, np.ndarray]) -> list[str]:
     """Return the names of the actor's hidden layers, first to last."""
     numbers = sorted(int(name.removeprefix(HIDDEN).split(".")[0]) for name in tensors if name.startswith(HIDDEN))
     return [f"{HIDDEN}{number}" for number in dict.fromkeys(numbers)]
@@ -100,7 +100,7 @@ def load_policy(folder: Path) -> Policy:
         raise CheckpointError(
             f"{path} cannot be read ({error}); train the policy to its end, or copy its folder again."
         ) from None
-    layers = [f"{layer}.{part}" for layer in (*hidden_layers(tensors), OUTPUT) for part in ("weight", "bias")]
+    layers = [f"{layer}.{part}" for layer in (*list_hidden_layers(tensors), OUTPUT) for part in ("weight", "bias")]
     missing = [name for name in (*layers, MEAN, VARIANCE) if name not in tensors]
     if missing:
         raise CheckpointError(f"{path} lacks the tensor '{missing[0]}'; it is no policy that `nas policy train` wrote.")
@@ -115,7 +115,7 @@ def find_policies(path: Path) -> list[Path]:
     """
     if (path / CONFIG).is_file():
         return [path]
-    found = [config.parent for config in visible(path, f"*/{CONFIG}")] if path.is_dir() else []
+    found = [config.parent for config in list_visible_files(path, f"*/{CONFIG}")] if path.is_dir() else []
     if not found:
         raise CheckpointError(f"{path} holds no policy; give a folder that `nas policy train` wrote.")
     return sorted(found, key=lambda folder: (len(folder.name), folder.name))

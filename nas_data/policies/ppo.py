@@ -31,7 +31,7 @@ def train(training: PolicyTraining, folder: Path, report: Report | None = None, 
         CheckpointError: the plant's checkpoint, or the unfinished training, cannot be used.
     """
     identity = training.identity()
-    if rollouts_in(folder, training, identity) == training.rollouts:
+    if count_trained_rollouts(folder, training, identity) == training.rollouts:
         return folder
     files.clear_half_saved(folder)
     arms = training.hyperparameters.arms
@@ -41,7 +41,7 @@ def train(training: PolicyTraining, folder: Path, report: Report | None = None, 
     config = identity | training.circumstances()
     while learner.done < training.rollouts:
         row = learner.advance()
-        report(f"seed {training.seed}: {sentence(row, training)}")
+        report(f"seed {training.seed}: {describe_training_progress(row, training)}")
         if learner.done % Learner.SEGMENT == 0:
             files.save_state(learner.ppo, learner.normalised, learner.progress, folder)
         if learner.done % Learner.SEGMENT == 0 or learner.done == training.rollouts:
@@ -60,10 +60,10 @@ def check_folder(folder: Path, training: PolicyTraining) -> None:
     Raises:
         OutputExists: the folder holds something else.
     """
-    rollouts_in(folder, training, training.identity())
+    count_trained_rollouts(folder, training, training.identity())
 
 
-def rollouts_in(folder: Path, training: PolicyTraining, identity: Mapping[str, object]) -> int:
+def count_trained_rollouts(folder: Path, training: PolicyTraining, identity: Mapping[str, object]) -> int:
     """Return the number of trained rollouts of a folder's policy; 0 for a new folder.
 
     Raises:
@@ -91,7 +91,7 @@ def rollouts_in(folder: Path, training: PolicyTraining, identity: Mapping[str, o
     return rollouts
 
 
-def sentence(row: files.Row, training: PolicyTraining) -> str:
+def describe_training_progress(row: files.Row, training: PolicyTraining) -> str:
     """Return a sentence on the progress of a training."""
     total = training.rollouts * training.hyperparameters.rollout
     rate = row.frames / row.seconds

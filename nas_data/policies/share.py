@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nas_data.policies.intervals import ENDS, bootstrap_of, resample_medians
+from nas_data.policies.intervals import ENDS, describe_bootstrap, resample_medians
 
 NOTHING = 1e-9  # least relative advantage of the expert for which the score is defined
 
@@ -16,7 +16,7 @@ class Share:
     Attributes:
         value: (median of method − median of source) / (median of expert − median of source); NaN if the
             expert is not better than the source.
-        low: Lower end of the bootstrap interval over seeds; see `bootstrap_of`.
+        low: Lower end of the bootstrap interval over seeds; see `describe_bootstrap`.
         high: Upper end.
         at_stake: Median of expert − median of source, in return.
         seeds: Number of seeds of the method.
@@ -38,11 +38,11 @@ class Share:
 
     def describe(self) -> dict[str, object]:
         """Return the share for JSON."""
-        interval = {"interval": [self.low, self.high], "interval_is": bootstrap_of(self.seeds)}
+        interval = {"interval": [self.low, self.high], "interval_is": describe_bootstrap(self.seeds)}
         return {"value": self.value, **interval, "at_stake": self.at_stake}
 
 
-def share(method: np.ndarray, source: np.ndarray, expert: np.ndarray) -> Share:
+def compute_share(method: np.ndarray, source: np.ndarray, expert: np.ndarray) -> Share:
     """Return the relative score of a method between source and expert.
 
     The interval resamples the seeds of all three. Resamples in which the expert is not better than the source are
@@ -65,9 +65,9 @@ def share(method: np.ndarray, source: np.ndarray, expert: np.ndarray) -> Share:
     return Share(closed, float(low), float(high), end - start, len(method))
 
 
-def share_heading(seeds: int) -> str:
+def format_share_heading(seeds: int) -> str:
     """Return the heading of a column of shares, with the kind of their intervals."""
-    return f"distance closed [{bootstrap_of(seeds)}]" if seeds > 1 else "distance closed"
+    return f"distance closed [{describe_bootstrap(seeds)}]" if seeds > 1 else "distance closed"
 
 
 @dataclass(frozen=True)
@@ -94,17 +94,17 @@ class Stake:
             return None
         return (
             f"Source and expert show no distance here (expert − source: {self.value:.2f} "
-            f"[{self.low:.2f}, {self.high:.2f}], {bootstrap_of(self.seeds)}): nothing is at stake, and the share of it "
-            "that a method closes says nothing; make the gap larger."
+            f"[{self.low:.2f}, {self.high:.2f}], {describe_bootstrap(self.seeds)}): nothing is at stake, and the share "
+            "of it that a method closes says nothing; make the gap larger."
         )
 
     def describe(self) -> dict[str, object]:
         """Return it for JSON."""
-        interval = {"interval": [self.low, self.high], "interval_is": bootstrap_of(self.seeds)}
+        interval = {"interval": [self.low, self.high], "interval_is": describe_bootstrap(self.seeds)}
         return {"value": self.value, **interval, "shown": self.shown}
 
 
-def stake(source: np.ndarray, expert: np.ndarray) -> Stake:
+def compute_stake(source: np.ndarray, expert: np.ndarray) -> Stake:
     """Return the difference of the expert's and the source's returns.
 
     Args:

@@ -7,7 +7,7 @@ from nas_data.policies.evaluate import Group, Returns, summarise_spread
 HEADERS = ("policy", "seeds", "return: median", "min … max", "mean ± sd", "success: median", "min … max")
 
 
-def group_row(group: Group) -> tuple[str, ...]:
+def format_group_row(group: Group) -> tuple[str, ...]:
     """Return one table row for policies that differ only in their seed."""
     returns, success = summarise_spread(group.returns), summarise_spread(group.success_rates)
     return (
@@ -21,9 +21,9 @@ def group_row(group: Group) -> tuple[str, ...]:
     )
 
 
-def policy_table(groups: Sequence[Group], baselines: Mapping[str, Returns]) -> str:
+def format_policy_table(groups: Sequence[Group], baselines: Mapping[str, Returns]) -> str:
     """Return groups, then untrained baselines, as aligned text."""
-    rows = [group_row(group) for group in groups]
+    rows = [format_group_row(group) for group in groups]
     rows += [
         (name, "", f"{score.mean_return:.2f}", "", "", f"{score.success_rate:.0%}", "")
         for name, score in baselines.items()

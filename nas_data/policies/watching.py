@@ -9,7 +9,7 @@ from nas_data.count_of import count_of
 from nas_data.errors import CheckpointError
 from nas_data.policies.compare import Study
 from nas_data.policies.policy import read_progress
-from nas_data.runs.progress import repeating, spoken
+from nas_data.runs.progress import format_duration, repeating
 
 PAUSE = 10.0  # [s] between two lines of progress
 
@@ -35,7 +35,7 @@ def watching(study: Study, folder: Path, report: Callable[[str], None], pause: f
             left = (total - done) / (done - first) * (time.monotonic() - began)
             report(
                 f"{count_of(len(folders), 'policy', plural='policies')}: {done / total:.0%} of {total:,} control "
-                f"steps, {spoken(left)} left"
+                f"steps, {format_duration(left)} left"
             )
         before = done
 
@@ -45,10 +45,10 @@ def watching(study: Study, folder: Path, report: Callable[[str], None], pause: f
 
 def count_frames(folders: list[Path]) -> float:
     """Return the number of trained control steps of all policies, as written so far."""
-    return sum(frames_learned(folder) for folder in folders)
+    return sum(count_trained_frames(folder) for folder in folders)
 
 
-def frames_learned(folder: Path) -> float:
+def count_trained_frames(folder: Path) -> float:
     """Return the number of trained control steps of a policy; 0 if it has not begun."""
     try:
         return float(read_progress(folder)["frames"][-1])

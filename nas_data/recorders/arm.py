@@ -115,9 +115,9 @@ class RecordingJob:
             with guarded:
                 self._record_all(guarded, progress)
         except ArmError as error:
-            raise type(error)(f"{error} {self._saved()}") from error
+            raise type(error)(f"{error} {self._describe_saved()}") from error
         except KeyboardInterrupt:
-            self._say(self._saved())
+            self._say(self._describe_saved())
             raise
         finally:
             if guarded.safety_warning:
@@ -142,7 +142,7 @@ class RecordingJob:
                 if not left:
                     raise
                 self._say(f"{error} Episode {number} is recorded anew.")
-                motion = self._again(guarded, number)
+                motion = self._retake_arm(guarded, number)
             else:
                 missed = int(episode.missed(motion.period).sum())
                 self.tally.missed += missed
@@ -168,7 +168,7 @@ class RecordingJob:
         self._say(f"A servo has {motion.vitals.temperature.max():.0f} °C; the arm rests until it is cooler.")
         motion.cool(pose, self._job.hot)
 
-    def _again(self, guarded: GuardedArm, number: int) -> ArmMotion:
+    def _retake_arm(self, guarded: GuardedArm, number: int) -> ArmMotion:
         """Take the arm again after a bus error, to repeat an episode."""
         guarded.recover()
         return guarded.take(self._job.plan.poses[number])
@@ -191,5 +191,5 @@ class RecordingJob:
         }
         return replace(self._job.provenance, target={**arm.describe(), **known, **made})
 
-    def _saved(self) -> str:
+    def _describe_saved(self) -> str:
         return describe_progress(self.growing.root, self.growing.episodes, len(self._job.plan.commands))

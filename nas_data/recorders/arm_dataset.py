@@ -11,9 +11,9 @@ from nas_data.dataset.features import (
     STATE,
     TIME,
     Feature,
-    position_feature,
-    state_feature,
-    time_feature,
+    make_position_feature,
+    make_state_feature,
+    make_time_feature,
 )
 from nas_data.recorders.arm_motion import ArmEpisode
 
@@ -51,7 +51,7 @@ def to_dataset(
         LATE: episode.late(1 / rate)[:-1, None],
         REPEATED: episode.repeated()[:-1, None],
     }
-    features = features_of(joints, slides)
+    features = make_arm_features(joints, slides)
     return Dataset(
         features=features,
         columns={key: column.astype(features[key].dtype) for key, column in columns.items()},
@@ -62,20 +62,20 @@ def to_dataset(
     )
 
 
-def features_of(joints: Sequence[str], slides: Collection[str] = ()) -> dict[str, Feature]:
+def make_arm_features(joints: Sequence[str], slides: Collection[str] = ()) -> dict[str, Feature]:
     """Return the features of an arm's dataset."""
     return {
-        STATE: state_feature(joints, slides),
-        ACTION: position_feature(joints, slides),
-        NEXT_STATE: state_feature(joints, slides),
-        TIME: time_feature(),
-        LOAD: _per_joint(joints, "load", "1"),
-        VOLTAGE: _per_joint(joints, "voltage", "V"),
-        TEMPERATURE: _per_joint(joints, "temperature", "°C"),
+        STATE: make_state_feature(joints, slides),
+        ACTION: make_position_feature(joints, slides),
+        NEXT_STATE: make_state_feature(joints, slides),
+        TIME: make_time_feature(),
+        LOAD: _make_joint_feature(joints, "load", "1"),
+        VOLTAGE: _make_joint_feature(joints, "voltage", "V"),
+        TEMPERATURE: _make_joint_feature(joints, "temperature", "°C"),
         LATE: Feature(names=("late",), units=("1",)),
         REPEATED: Feature(names=("repeated",), units=("1",)),
     }
 
 
-def _per_joint(joints: Sequence[str], what: str, unit: str) -> Feature:
+def _make_joint_feature(joints: Sequence[str], what: str, unit: str) -> Feature:
     return Feature(names=tuple(f"{name}.{what}" for name in joints), units=(unit,) * len(joints))

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from nas_data.dataset.timing import late_readings
+from nas_data.dataset.timing import find_late_readings
 from nas_data.hardware.arms.base import Arm, Health, Reading
 from nas_data.recorders.path_planner import PathPlanner
 from nas_data.recorders.retry import Retry
@@ -68,18 +68,18 @@ class ArmEpisode:
 
     def late(self, period: float) -> np.ndarray:
         """Return which readings were late, shape (T + 1,); repeated readings count as late."""
-        return late_readings(self.delays(), period) | self._asked_again()
+        return find_late_readings(self.delays(), period) | self._find_repeated()
 
     def missed(self, period: float) -> np.ndarray:
         """Return which readings were late by more than a control period, shape (T + 1,)."""
-        return (self.delays() > period) | self._asked_again()
+        return (self.delays() > period) | self._find_repeated()
 
     def repeated(self) -> np.ndarray:
         """Return which readings equal the previous one byte for byte while the arm moves, shape (T + 1,)."""
         again = [a.raw == b.raw and bool(b.velocities.any()) for a, b in pairwise(self.readings)]
         return np.array([False, *again])
 
-    def _asked_again(self) -> np.ndarray:
+    def _find_repeated(self) -> np.ndarray:
         return np.isin(np.arange(len(self.readings)), list(self.unheard))
 
 
@@ -225,7 +225,7 @@ class ArmMotion:
         self.arm.refuse_alerts(reading)
         return reading
 
-    def _health(self, index: int) -> Health:
+    def _check_servo(self, index: int) -> Health:
         self._extend_deadline(self.period)
         return self.arm.check_servo(index)
 
@@ -236,7 +236,7 @@ class ArmMotion:
         if rest:
             return
         index = turn % len(self.arm.names)
-        health = self.retry.call(lambda: self._health(index))
+        health = self.retry.call(lambda: self._check_servo(index))
         self.vitals.voltage[index], self.vitals.temperature[index] = health.voltage, health.temperature
 
 

@@ -86,13 +86,13 @@ def draw_plan(
         OptionError: an episode of a file collides, its episodes differ in length, or too few free ones can be drawn.
     """
     planner = PathPlanner(robot)
-    simulator = MujocoSimulator(robot, 1 / rate, effects=_limits(robot, speed * planner.radians), threads=1)
+    simulator = MujocoSimulator(robot, 1 / rate, effects=_make_speed_limits(robot, speed * planner.radians), threads=1)
     target = Target(robot, simulator, Readings(), rate)
     commands, poses, fates = list[np.ndarray](), list[np.ndarray](), list[bool]()
     for attempt in range(ROUNDS):
         session = RecordingSession.draw(target, replace(protocol, seed=protocol.seed + attempt * FAR))
         wanted = protocol.episodes if protocol.file is None else len(session.commands)
-        block = np.stack([_same_length(rows, session.commands[0]) for rows in session.commands])
+        block = np.stack([_check_length(rows, session.commands[0]) for rows in session.commands])
         first = session.starts[:, : len(simulator.joints)]
         free = free_of_contact(simulator, block, first, planner)
         if protocol.file is not None and not free.all():
@@ -146,13 +146,13 @@ def free_of_contact(
     return free
 
 
-def _limits(robot: Robot, speeds: np.ndarray) -> list[Effect]:
+def _make_speed_limits(robot: Robot, speeds: np.ndarray) -> list[Effect]:
     """Return effects with the servos' speed limits [rad/s; m/s], shape (n,); 0 means none."""
     limits = zip(robot.joints, speeds.tolist(), strict=True)
     return [make_effect("speed_limit", joint, {"speed": speed}) for joint, speed in limits if speed]
 
 
-def _same_length(rows: np.ndarray, first: np.ndarray) -> np.ndarray:
+def _check_length(rows: np.ndarray, first: np.ndarray) -> np.ndarray:
     if len(rows) != len(first):
         raise OptionError(
             f"Episodes of {len(first)} and {count_of(len(rows), 'step')} are in one file; make them equally long."

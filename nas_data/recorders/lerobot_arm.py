@@ -13,17 +13,23 @@ from lerobot.utils.errors import DeviceNotConnectedError
 from nas_data.errors import ArmError, BadReply, ServoSilent
 from nas_data.hardware.arms.base import Health, Reading
 from nas_data.hardware.arms.line import ATTEMPTS, Line, Register, guard_options, report_lost_port
-from nas_data.hardware.arms.port_errors import lost_port_error, refusal
+from nas_data.hardware.arms.port_errors import make_lost_port_error, make_port_error
 from nas_data.recorders.lerobot_checks import (
     VOLTAGE,
-    no_answer_error,
+    make_no_answer_error,
     refuse_other_calibration,
     refuse_outside,
     refuse_strangers,
     refuse_unfit,
 )
 from nas_data.recorders.lerobot_frame import Frame
-from nas_data.recorders.lerobot_servos import control_table, family_of, register_of, table_of, units_of
+from nas_data.recorders.lerobot_servos import (
+    convert_to_units,
+    find_family,
+    find_register,
+    find_stop_registers,
+    list_shared_registers,
+)
 
 VOLT = 0.1  # [V] voltage unit of both makers
 FLEETING = ("Present_", "Goal_", "Moving", "Status", "Hardware_Error", "Realtime", "Registered", "Torque_Enable")
@@ -59,17 +65,17 @@ class LeRobotArm:
         self.robot, self.frame, self.kind, self._now = robot, frame, kind, now
         self.bus: SerialMotorsBus = robot.bus
         self.sequential, self.retries = False, 0
-        self.control = {name: register_of(self.bus, name) for name in control_table(self.bus)}
-        self._family = family_of(self.bus)
+        self.control = {name: find_register(self.bus, name) for name in list_shared_registers(self.bus)}
+        self._family = find_family(self.bus)
         try:
             self.bus.connect(handshake=False)
         except ConnectionError as error:
             cause = error.__cause__ if isinstance(error.__cause__, OSError | ValueError) else error
-            raise refusal(self.bus.port, cause) from None
-        self.line = Line(table_of(self.bus), self.ids, self.bus.port_handler, self.bus.packet_handler)
-        self.bus.write = self._patiently(type(self.bus).write)
-        self.bus.read = self._patiently(type(self.bus).read)
-        self.start, self.end = self._stretch()
+            raise make_port_error(self.bus.port, cause) from None
+        self.line = Line(find_stop_registers(self.bus), self.ids, self.bus.port_handler, self.bus.packet_handler)
+        self.bus.write = self._wrap_with_retries(type(self.bus).write)
+        self.bus.read = self._wrap_with_retries(type(self.bus).read)
+        self.start, self.end = self._find_address_range()
         self._last: list[bytes] = []
 
     @property
@@ -94,7 +100,7 @@ class LeRobotArm:
         for index in range(len(self.names)):
             self.check_servo(index)
         refuse_other_calibration(self)
-        self.sequential = self._sync() is None and self._sync() is None
+        self.sequential = self._read_in_sync() is None and self._read_in_sync() is None
         refuse_outside(self, self.read().positions)
 
     def configure(self) -> None:
@@ -106,12 +112,12 @@ class LeRobotArm:
         self.line.torque_off()
         for identity, count in zip(self.ids, self.line.read_position(), strict=True):
             self.line.write(identity, self.line.table.goal, int(count))
-        self._through_lerobot(self.robot.configure)
+        self._call_lerobot(self.robot.configure)
 
     def torque_on(self) -> None:
         """Switch the torque on with the present pose as the goal; raises like `configure`."""
         self.line.hold(self.line.read_position())
-        self._through_lerobot(self.bus.enable_torque)
+        self._call_lerobot(self.bus.enable_torque)
 
     def command(self, positions: np.ndarray) -> np.ndarray:
         """Send goals through LeRobot.
@@ -125,11 +131,11 @@ class LeRobotArm:
         Raises:
             AdapterLost: the port is gone.
         """
-        wanted = units_of(self.bus, self.frame.counts(positions))
+        wanted = convert_to_units(self.bus, self.frame.counts(positions))
         action = {f"{name}.pos": value for name, value in zip(self.names, wanted, strict=True)}
         sent: dict[str, float] = {}
         self.line.port.is_using = False  # a failed transaction may have left it set
-        self._through_lerobot(lambda: sent.update(self.robot.send_action(action)))
+        self._call_lerobot(lambda: sent.update(self.robot.send_action(action)))
         values = {motor.id: sent[f"{name}.pos"] for name, motor in self.bus.motors.items()}
         return self.frame.positions(np.array(list(self.bus._unnormalize(values).values())))
 
@@ -140,18 +146,18 @@ class LeRobotArm:
             ArmError: a servo does not answer after several attempts.
         """
         began = self._now()
-        answers = None if self.sequential else self._sync()
+        answers = None if self.sequential else self._read_in_sync()
         if answers is None:
             self.retries += not self.sequential
             began = self._now()
-            answers = self._one_by_one()
+            answers = self._read_one_by_one()
         self._last = answers
         table, errors = self.line.table, self.control[self._family.errors]
         heard = answers if self.start <= errors.address < self.end else []
         return Reading(
             time=(began + self._now()) / 2,
             positions=self.frame.positions(self._column(table.position)),
-            velocities=self._column(table.speed) * table.speed_unit * self._per_radian(),
+            velocities=self._column(table.speed) * table.speed_unit * self._compute_travel_per_radian(),
             loads=self._column(self.control[self._family.load]) * self._family.load_unit * np.sign(self.frame.ticks),
             raw=b"".join(self._state(answer) for answer in answers),
             alerts=tuple(i for i, data in zip(self.ids, heard, strict=False) if errors.decode(data, self.start)),
@@ -233,7 +239,7 @@ class LeRobotArm:
         """Return a servo's name for messages: its ID and joint."""
         return f"Servo {identity} ({self.names[self.ids.index(identity)]})"
 
-    def _stretch(self) -> tuple[int, int]:
+    def _find_address_range(self) -> tuple[int, int]:
         """Return the address range of a regular reading."""
         table = self.line.table
         wanted = [table.goal, table.position, table.speed, self.control[self._family.load]]
@@ -241,15 +247,15 @@ class LeRobotArm:
         wanted += [errors] if errors.address > table.position.address else []
         return min(one.address for one in wanted), max(one.address + one.size for one in wanted)
 
-    def _sync(self) -> list[bytes] | None:
+    def _read_in_sync(self) -> list[bytes] | None:
         return self.line.read_all(self.start, self.end - self.start)
 
-    def _one_by_one(self) -> list[bytes]:
+    def _read_one_by_one(self) -> list[bytes]:
         try:
             return [self.line.read_bytes(identity, self.start, self.end - self.start) for identity in self.ids]
         except ServoSilent:
             if all(self.line.ping(identity) is None for identity in self.ids):
-                raise no_answer_error(self.bus.port) from None
+                raise make_no_answer_error(self.bus.port) from None
             raise
 
     def _column(self, register: Register) -> np.ndarray:
@@ -259,12 +265,12 @@ class LeRobotArm:
         """Return the bytes of a reply that measure the servo's state, without the goal."""
         return answer[self.line.table.position.address - self.start :]
 
-    def _per_radian(self) -> np.ndarray:
+    def _compute_travel_per_radian(self) -> np.ndarray:
         """Return the joints' travel per radian of their servos [rad/rad; m/rad], shape (n,)."""
         turns = [self.bus.model_resolution_table[motor.model] for motor in self.bus.motors.values()]
         return np.asarray(self.frame.ticks * np.array(turns) / (2 * np.pi))
 
-    def _patiently(self, exchange: Callable[..., object]) -> Callable[..., object]:
+    def _wrap_with_retries(self, exchange: Callable[..., object]) -> Callable[..., object]:
         """Wrap a bus function so that it is repeated when a servo does not answer: LeRobot tries only once."""
 
         def ask(*arguments: object, **options: object) -> object:
@@ -278,7 +284,7 @@ class LeRobotArm:
 
         return ask
 
-    def _through_lerobot(self, do: Callable[[], object]) -> None:
+    def _call_lerobot(self, do: Callable[[], object]) -> None:
         """Call a function of LeRobot, and translate its errors.
 
         Raises:
@@ -290,7 +296,7 @@ class LeRobotArm:
             try:
                 do()
             except DeviceNotConnectedError:
-                raise lost_port_error(self.bus.port) from None
+                raise make_lost_port_error(self.bus.port) from None
             except (ConnectionError, RuntimeError) as error:
                 if isinstance(error, ArmError):
                     raise
@@ -337,4 +343,4 @@ class LeRobotDriver:
 
     def guard_options(self) -> dict[str, object]:
         """Return the options with which the watchdog opens the arm."""
-        return guard_options(table_of(self.bus), [motor.id for motor in self.bus.motors.values()], self.port)
+        return guard_options(find_stop_registers(self.bus), [motor.id for motor in self.bus.motors.values()], self.port)

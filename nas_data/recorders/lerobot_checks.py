@@ -18,7 +18,7 @@ from nas_data.errors import (
 )
 from nas_data.hardware.arms.base import Health
 from nas_data.hardware.xl320.fitness import MARGIN
-from nas_data.joint_units import HINGE, joint_unit, radians_at
+from nas_data.joint_units import HINGE, compute_angle_scales, find_joint_unit
 
 if TYPE_CHECKING:
     from nas_data.recorders.lerobot_arm import LeRobotArm
@@ -45,7 +45,7 @@ def refuse_strangers(arm: "LeRobotArm") -> None:
     found = {identity: find_servo(arm, identity) for identity in arm.ids}
     here = [identity for identity, model in found.items() if model is not None]
     if not here:
-        raise no_answer_error(arm.bus.port)
+        raise make_no_answer_error(arm.bus.port)
     for identity in here:
         heard = [arm.line.count_replies(identity, arm.start, arm.end - arm.start) for _ in range(TRIES)]
         if 2 * sum(sound > 1 for sound, _ in heard) > TRIES or all(damaged and not sound for sound, damaged in heard):
@@ -95,11 +95,11 @@ def refuse_outside(arm: "LeRobotArm", positions: np.ndarray) -> None:
         OutsideLimits: a joint is outside.
     """
     frame = arm.frame
-    margins = MARGIN * radians_at(arm.names, frame.slides, frame.high - frame.low)
+    margins = MARGIN * compute_angle_scales(arm.names, frame.slides, frame.high - frame.low)
     for index, joint in enumerate(arm.names):
         position, low, high = positions[index], frame.low[index], frame.high[index]
         if not low - margins[index] <= position <= high + margins[index]:
-            unit = joint_unit(joint, frame.slides)
+            unit = find_joint_unit(joint, frame.slides)
             digits = 0 if unit is HINGE else 1
             raise OutsideLimits(
                 f"{joint} stands at {unit.text(position, digits)}, outside {unit.factor * low:.{digits}f} … "
@@ -129,7 +129,7 @@ def refuse_unfit(name: str, health: Health, lowest: float) -> None:
         )
 
 
-def no_answer_error(port: str) -> ArmError:
+def make_no_answer_error(port: str) -> ArmError:
     """Return the error for a bus on which no servo answers."""
     return NobodyAnswers(
         f"No servo answers on {port}; switch the supply on, check the plug of the first servo, and that it is the "

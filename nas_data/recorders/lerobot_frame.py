@@ -10,8 +10,8 @@ from lerobot.motors.motors_bus import SerialMotorsBus
 
 from nas_data.dataset.features import POSITION
 from nas_data.errors import JointMismatch, OptionError
-from nas_data.robots.base import Robot, slide_joints
-from nas_data.simulators.limits import command_limits, excitable_limits
+from nas_data.robots.base import Robot, list_slide_joints
+from nas_data.simulators.limits import command_limits, find_excitable_limits
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Frame:
         return np.rint(np.clip(positions, self.low, self.high) / self.ticks + self.zeros).astype(int)
 
 
-def frame_of(
+def compute_frame(
     robot: Robot,
     bus: SerialMotorsBus,
     calibration: Mapping[str, MotorCalibration],
@@ -71,7 +71,7 @@ def frame_of(
         if joint not in names:
             raise JointMismatch(f"The arm has no joint '{joint}'; it has: {', '.join(names)}.")
     refuse_other_joints(robot, names)
-    low, high, slides = model_limits(robot, names)
+    low, high, slides = compute_model_limits(robot, names)
     zeros, ticks = np.empty(len(names)), np.empty(len(names))
     for index, name in enumerate(names):
         known, motor = calibration[name], bus.motors[name]
@@ -91,12 +91,12 @@ def frame_of(
     return Frame(names, zeros, ticks, np.maximum(low, first), np.minimum(high, last), slides)
 
 
-def model_limits(robot: Robot, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+def compute_model_limits(robot: Robot, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
     """Return the lowest and highest positions of a model's joints [rad; m], shape (n,) each, and which are slides."""
     spec = robot.spec()
-    slides = slide_joints(spec)
+    slides = list_slide_joints(spec)
     low, high = command_limits(spec.compile(), names, robot.name)
-    return *excitable_limits(low, high, names, [POSITION] * len(names), slides), slides
+    return *find_excitable_limits(low, high, names, [POSITION] * len(names), slides), slides
 
 
 def refuse_other_joints(robot: Robot, names: Sequence[str]) -> None:
@@ -113,7 +113,9 @@ def refuse_other_joints(robot: Robot, names: Sequence[str]) -> None:
         )
 
 
-def full_range(robot: Robot, names: Sequence[str], turn: int, offsets: Sequence[int]) -> dict[str, MotorCalibration]:
+def compute_full_range(
+    robot: Robot, names: Sequence[str], turn: int, offsets: Sequence[int]
+) -> dict[str, MotorCalibration]:
     """Return the calibration that LeRobot would find by moving every joint through the model's range.
 
     Args:
@@ -125,7 +127,7 @@ def full_range(robot: Robot, names: Sequence[str], turn: int, offsets: Sequence[
     Raises:
         OptionError: a joint can turn farther than a servo counts.
     """
-    low, high, slides = model_limits(robot, names)
+    low, high, slides = compute_model_limits(robot, names)
     found = {}
     for index, name in enumerate(names):
         half = turn // 4 if name in slides else math.floor((high[index] - low[index]) / 2 / (2 * math.pi / turn))

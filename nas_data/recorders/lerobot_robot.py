@@ -19,10 +19,10 @@ from nas_data.errors import OptionError, UnknownName
 from nas_data.hardware.virtual_bus.arm import MountedServo
 from nas_data.hardware.virtual_bus.options import Options
 from nas_data.hardware.virtual_bus.ports import VIRTUAL, port_of
-from nas_data.joint_units import radians_at
+from nas_data.joint_units import compute_angle_scales
 from nas_data.recorders.lerobot_arm import LeRobotDriver
-from nas_data.recorders.lerobot_frame import Frame, frame_of, full_range, refuse_other_joints
-from nas_data.recorders.lerobot_servos import family_of
+from nas_data.recorders.lerobot_frame import Frame, compute_frame, compute_full_range, refuse_other_joints
+from nas_data.recorders.lerobot_servos import find_family
 from nas_data.robots.base import Robot
 
 ASIDE = 0.1  # [rad] by which the virtual arm starts beside its rest pose
@@ -84,19 +84,21 @@ def driver_of(
         with port_of(port, effects, faults, lockstep) as path:
             robot = make_robot(request, path)
             refuse_uncalibrated(robot, request.kind, path)
-            yield LeRobotDriver(robot=robot, kind=request.kind, frame=_frame(request, robot), speed=speed)
+            yield LeRobotDriver(robot=robot, kind=request.kind, frame=_make_frame(request, robot), speed=speed)
         return
     with tempfile.TemporaryDirectory() as folder:
         options = {**request.options, "calibration_dir": folder}
         robot = make_robot(request, VIRTUAL, options)
-        arm = virtual_arm(request, robot, 1 / rate)
+        arm = calibrate_virtual_arm(request, robot, 1 / rate)
         with port_of(VIRTUAL, effects, faults, lockstep, arm) as path:
             calibrated = make_robot(request, path, options)
             calibrated.calibration = calibrated.bus.calibration = robot.calibration
-            yield LeRobotDriver(robot=calibrated, kind=request.kind, frame=_frame(request, calibrated), speed=speed)
+            yield LeRobotDriver(
+                robot=calibrated, kind=request.kind, frame=_make_frame(request, calibrated), speed=speed
+            )
 
 
-def virtual_arm(request: RobotRequest, robot: LeRobot, period: float) -> Options:
+def calibrate_virtual_arm(request: RobotRequest, robot: LeRobot, period: float) -> Options:
     """Calibrate a virtual robot, and return the options of its virtual bus.
 
     Raises:
@@ -108,17 +110,17 @@ def virtual_arm(request: RobotRequest, robot: LeRobot, period: float) -> Options
     turn = max(bus.model_resolution_table[motor.model] for motor in bus.motors.values())
     offsets = [index * STEP % SPREAD - SPREAD // 2 for index in range(1, len(names) + 1)]
     refuse_other_joints(request.model, names)
-    known = full_range(request.model, names, turn, offsets)
+    known = compute_full_range(request.model, names, turn, offsets)
     for name, motor in bus.motors.items():
         known[name].id = motor.id
     robot.calibration = bus.calibration = known
-    frame = _frame(request, robot)
+    frame = _make_frame(request, robot)
     mounted = []
     for index, (name, motor) in enumerate(bus.motors.items()):
         calibration, size = known[name], bus.model_ctrl_table[motor.model]["Homing_Offset"][1]
         encoded = bus._encode_sign("Homing_Offset", {motor.id: calibration.homing_offset})[motor.id]
         counted = (
-            1 if family_of(bus).sdk == "scservo_sdk" else -1
+            1 if find_family(bus).sdk == "scservo_sdk" else -1
         )  # Feetech subtracts the homing offset, Dynamixel adds it
         registers = {
             "homing_offset": encoded % 256**size,
@@ -137,7 +139,7 @@ def virtual_arm(request: RobotRequest, robot: LeRobot, period: float) -> Options
             )
         )
     rest = dict(zip(request.model.joints, request.model.rest, strict=False))
-    aside = ASIDE * radians_at(names, frame.slides, frame.high - frame.low)
+    aside = ASIDE * compute_angle_scales(names, frame.slides, frame.high - frame.low)
     pose = np.clip(aside + [rest.get(name, 0.0) for name in names], frame.low, frame.high)
     path = str(request.model.mjcf.absolute())
     return Options(model=path, mounted=tuple(mounted), lying=tuple(pose.tolist()), period=period)
@@ -205,8 +207,8 @@ def default_model(kind: str, model: str | None) -> Robot:
         ) from None
 
 
-def _frame(request: RobotRequest, robot: LeRobot) -> Frame:
-    return frame_of(request.model, robot.bus, robot.calibration, request.reverse, request.zero)
+def _make_frame(request: RobotRequest, robot: LeRobot) -> Frame:
+    return compute_frame(request.model, robot.bus, robot.calibration, request.reverse, request.zero)
 
 
 def _register(kind: str) -> None:
@@ -230,7 +232,7 @@ def _refuse_other_robots(request: RobotRequest, robot: LeRobot) -> None:
         )
     if getattr(robot, "cameras", None):
         raise OptionError("nas records joints, not pictures; leave --robot.cameras out.")
-    family_of(bus)
+    find_family(bus)
 
 
 def _last(text: str) -> str:

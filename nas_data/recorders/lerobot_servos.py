@@ -55,7 +55,7 @@ FAMILIES = {
 }
 
 
-def family_of(bus: SerialMotorsBus) -> Family:
+def find_family(bus: SerialMotorsBus) -> Family:
     """Return the family of the servos on a bus.
 
     Raises:
@@ -67,16 +67,16 @@ def family_of(bus: SerialMotorsBus) -> Family:
     raise OptionError(f"{type(bus).__name__} is no line of Feetech or Dynamixel servos, which nas can record.")
 
 
-def control_table(bus: SerialMotorsBus) -> Mapping[str, tuple[int, int]]:
+def list_shared_registers(bus: SerialMotorsBus) -> Mapping[str, tuple[int, int]]:
     """Return address and size of the registers that all motors of a bus share, by LeRobot's names."""
     tables = [bus.model_ctrl_table[motor.model] for motor in bus.motors.values()]
     return {name: entry for name, entry in tables[0].items() if all(table.get(name) == entry for table in tables)}
 
 
-def register_of(bus: SerialMotorsBus, name: str) -> Register:
+def find_register(bus: SerialMotorsBus, name: str) -> Register:
     """Return a register with the sign that LeRobot's encoding table gives it."""
-    address, size = control_table(bus)[name]
-    family = family_of(bus)
+    address, size = list_shared_registers(bus)[name]
+    family = find_family(bus)
     encoded = bus.model_encoding_table.get(next(iter(bus.motors.values())).model) or {}
     if name == family.load:
         return Register(address, size, family.load_sign)
@@ -85,22 +85,22 @@ def register_of(bus: SerialMotorsBus, name: str) -> Register:
     return Register(address, size, -1 if family.load_sign < 0 else encoded[name])
 
 
-def table_of(bus: SerialMotorsBus) -> StopRegisters:
+def find_stop_registers(bus: SerialMotorsBus) -> StopRegisters:
     """Return the registers that are needed to stop an arm."""
-    family = family_of(bus)
+    family = find_family(bus)
     return StopRegisters(
         sdk=family.sdk,
         protocol=family.protocol,
         baud=bus.default_baudrate,
         speed_unit=family.speed_unit,
-        torque=register_of(bus, "Torque_Enable"),
-        goal=register_of(bus, "Goal_Position"),
-        position=register_of(bus, "Present_Position"),
-        speed=register_of(bus, "Present_Velocity"),
+        torque=find_register(bus, "Torque_Enable"),
+        goal=find_register(bus, "Goal_Position"),
+        position=find_register(bus, "Present_Position"),
+        speed=find_register(bus, "Present_Velocity"),
     )
 
 
-def units_of(bus: SerialMotorsBus, counts: np.ndarray) -> list[float]:
+def convert_to_units(bus: SerialMotorsBus, counts: np.ndarray) -> list[float]:
     """Return the goals in LeRobot's units that make it send these counts, shape (n,); it truncates fractions."""
     wanted = []
     for (name, motor), count in zip(bus.motors.items(), counts.tolist(), strict=True):

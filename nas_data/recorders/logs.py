@@ -21,24 +21,24 @@ from nas_data.dataset.features import (
     STATE,
     TIME,
     Feature,
-    action_feature,
-    state_feature,
-    time_feature,
+    make_action_feature,
+    make_state_feature,
+    make_time_feature,
 )
 from nas_data.dataset.merge import merge_carried
 from nas_data.dataset.provenance import Parent, Provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.transitions import VELOCITIES_DERIVED, estimate_velocities
-from nas_data.dataset.versions import parent_of, resolve
+from nas_data.dataset.versions import make_parent, resolve
 from nas_data.errors import LogError
 from nas_data.importing.auditing import audit
 from nas_data.importing.formats import find_format, is_folder_log
 from nas_data.importing.map import Map
 from nas_data.importing.reading import ENOUGH, SUFFIXES, read_log
 from nas_data.importing.resampling import resample
-from nas_data.joint_units import unit_at
-from nas_data.visible_files import visible
+from nas_data.joint_units import convert_hinge_unit
+from nas_data.visible_files import list_visible_files
 
 MAP_ATTACHMENT = "meta/import_map.toml"
 VIDEOS = {".mp4", ".mkv"}
@@ -84,14 +84,14 @@ def import_logs(paths: Sequence[Path], mapping: Map, progress: Callable[[str], N
             recordings.append(recording)
     raise_audit_errors(findings)
     ready = [_finish(recording, mapping) for recording in recordings]
-    dataset, kept = _dataset(ready, mapping), {}
+    dataset, kept = _convert_recordings(ready, mapping), {}
     if mapping.layout.format == "lerobot":
         kept = subtasks([resolve(log) for log in logs])
         dataset, lost = _with_rest(dataset, ready, mapping)
         findings += lost
     return Import(
         dataset=dataset,
-        provenance=_provenance(logs, ready, mapping, findings),
+        provenance=_make_provenance(logs, ready, mapping, findings),
         attachments={MAP_ATTACHMENT: mapping.text.encode(), **kept},
         findings=tuple(findings),
     )
@@ -120,12 +120,12 @@ def _expand(path: Path, mapping: Map) -> list[Path]:
         wanted = list(files.values())
         if not path.is_dir() or any((path / name).is_file() for name in wanted):
             return [path]
-        logs = [folder for folder in visible(path) if any((folder / name).is_file() for name in wanted)]
+        logs = [folder for folder in list_visible_files(path) if any((folder / name).is_file() for name in wanted)]
     elif path.is_file() or is_folder_log(path, mapping.layout.format):
         return [path]
     else:
         wanted = list(find_format(mapping.layout.format).SUFFIXES)
-        logs = [file for file in visible(path, mapping.layout.pattern) if file.suffix.lower() in wanted]
+        logs = [file for file in list_visible_files(path, mapping.layout.pattern) if file.suffix.lower() in wanted]
     if not logs:
         raise LogError(f"{path} holds no log ({' or '.join(wanted)}), which the map {mapping.name} reads.")
     return logs
@@ -165,23 +165,23 @@ def _finish(recording: Recording, mapping: Map) -> Recording:
     return replace(whole, velocities=estimate_velocities(whole.positions, mapping.fps))
 
 
-def _dataset(recordings: Sequence[Recording], mapping: Map) -> Dataset:
+def _convert_recordings(recordings: Sequence[Recording], mapping: Map) -> Dataset:
     """Convert recordings of N rows to N−1 transitions each."""
     kinds = mapping.command.conversion.kinds
     features = {
-        STATE: state_feature(mapping.joints, mapping.slides),
-        ACTION: action_feature(mapping.joints, [SUFFIXES[kind] for kind in kinds], mapping.slides),
-        NEXT_STATE: state_feature(mapping.joints, mapping.slides),
-        TIME: time_feature(),
+        STATE: make_state_feature(mapping.joints, mapping.slides),
+        ACTION: make_action_feature(mapping.joints, [SUFFIXES[kind] for kind in kinds], mapping.slides),
+        NEXT_STATE: make_state_feature(mapping.joints, mapping.slides),
+        TIME: make_time_feature(),
     }
     columns = {
-        STATE: [_states(recording)[:-1] for recording in recordings],
+        STATE: [_stack_states(recording)[:-1] for recording in recordings],
         ACTION: [recording.commands[:-1] for recording in recordings],
-        NEXT_STATE: [_states(recording)[1:] for recording in recordings],
+        NEXT_STATE: [_stack_states(recording)[1:] for recording in recordings],
         TIME: [recording.time[:-1, None] for recording in recordings],
     }
     for name in recordings[0].signals:
-        features[f"nas.{name}"] = _signal_feature(name, mapping)
+        features[f"nas.{name}"] = _make_signal_feature(name, mapping)
         columns[f"nas.{name}"] = [recording.signals[name][:-1] for recording in recordings]
     return Dataset(
         features=features,
@@ -189,7 +189,7 @@ def _dataset(recordings: Sequence[Recording], mapping: Map) -> Dataset:
         lengths=np.array([len(recording) - 1 for recording in recordings]),
         fps=mapping.fps,
         robot_type=mapping.robot,
-        tasks=tuple(_task(recording, mapping) for recording in recordings),
+        tasks=tuple(_format_task(recording, mapping) for recording in recordings),
     )
 
 
@@ -244,29 +244,31 @@ def _report_lost(
     return [AuditFinding("left_out", file, sentence) for sentence in sentences]
 
 
-def _states(recording: Recording) -> np.ndarray:
+def _stack_states(recording: Recording) -> np.ndarray:
     """Return positions [rad; m] then velocities [rad/s; m/s], shape (N, 2n)."""
     assert recording.velocities is not None
     return np.hstack([recording.positions, recording.velocities])
 
 
-def _signal_feature(name: str, mapping: Map) -> Feature:
+def _make_signal_feature(name: str, mapping: Map) -> Feature:
     """Describe a signal: one component a joint, or one for the whole robot."""
     signal = mapping.signals.get(name, mapping.velocity)
     assert signal is not None
     width = len(signal.conversion.gain)
     names = tuple(f"{joint}.{name}" for joint in mapping.joints) if width == len(mapping.joints) else (name,)
     if signal is mapping.velocity:
-        return Feature(names, tuple(unit_at(signal.unit, joint in mapping.slides) for joint in mapping.joints))
+        return Feature(
+            names, tuple(convert_hinge_unit(signal.unit, joint in mapping.slides) for joint in mapping.joints)
+        )
     return Feature(names=names, units=(signal.unit,) * width)
 
 
-def _task(recording: Recording, mapping: Map) -> str:
+def _format_task(recording: Recording, mapping: Map) -> str:
     """Return the task of an episode, from the map's template."""
     return mapping.task.format_map({"log": recording.log, **recording.constants})
 
 
-def _provenance(
+def _make_provenance(
     logs: Sequence[Path], recordings: Sequence[Recording], mapping: Map, findings: Sequence[AuditFinding]
 ) -> Provenance:
     """Return the source files, how they were read, and the audits' findings."""
@@ -280,27 +282,27 @@ def _provenance(
         robot=mapping.robot,
         target={
             "kind": "hardware log",
-            "logs": [{"file": log.name, "sha256": _sha256(log, mapping)} for log in logs],
+            "logs": [{"file": log.name, "sha256": _hash_log(log, mapping)} for log in logs],
             "episodes": [
-                {"log": recording.log, "task": _task(recording, mapping), "constants": dict(recording.constants)}
+                {"log": recording.log, "task": _format_task(recording, mapping), "constants": dict(recording.constants)}
                 for recording in recordings
             ],
         },
         signal={"excitation": "recorded", "map": mapping.name, "alignment": mapping.alignment},
-        parents=tuple(_parent(log) for log in logs) if mapping.layout.format == "lerobot" else (),
+        parents=tuple(_read_parent(log) for log in logs) if mapping.layout.format == "lerobot" else (),
         derived=derived,
         contiguous=True,
         notes="\n".join(f"{finding.check}: {Path(finding.file).name}: {finding.message}" for finding in findings),
     )
 
 
-def _parent(log: Path) -> Parent:
+def _read_parent(log: Path) -> Parent:
     """Return the provenance entry of a LeRobot dataset."""
     root = resolve(log)
-    return parent_of(root, read(root))
+    return make_parent(root, read(root))
 
 
-def _sha256(log: Path, mapping: Map) -> str | dict[str, str]:
+def _hash_log(log: Path, mapping: Map) -> str | dict[str, str]:
     """Return the SHA-256 of a log's file, or of each of its files."""
     if log.is_dir() and mapping.layout.files is None:
         files = sorted(path for path in log.rglob("*") if path.is_file() and path.suffix not in VIDEOS)

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from nas_data.errors import PathBlocked
-from nas_data.joint_units import radians_at
+from nas_data.joint_units import compute_angle_scales
 from nas_data.robots.base import Robot
 from nas_data.simulators.contact import ContactDistances, count_contacts, find_contacts
 from nas_data.simulators.limits import command_limits
@@ -25,7 +25,7 @@ class PathPlanner:
 
     Attributes:
         rest: Intermediate pose for paths whose straight line is blocked [rad; m], shape (n,).
-        radians: Joint travel that counts as one radian, shape (n,); see `joint_units.radians_at`.
+        radians: Joint travel that counts as one radian, shape (n,); see `joint_units.compute_angle_scales`.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -33,7 +33,7 @@ class PathPlanner:
         self._scratch = mujoco.MjData(self._simulator.model)
         self.rest = np.array(robot.rest or np.zeros(len(robot.joints)))
         low, high = command_limits(self._simulator.model, robot.joints, robot.name)
-        self.radians = radians_at(robot.joints, self.slides, high - low)
+        self.radians = compute_angle_scales(robot.joints, self.slides, high - low)
 
     @property
     def slides(self) -> tuple[str, ...]:
@@ -65,11 +65,11 @@ class PathPlanner:
         """Yield the waypoints of candidate paths: straight, through the rest pose, and with one joint moved alone."""
         yield [end]
         yield [self.rest, end]
-        for first in self._one_at_rest(begin):
+        for first in self._rest_each_joint(begin):
             yield [first, self.rest, end]
-            for last in self._one_at_rest(end):
+            for last in self._rest_each_joint(end):
                 yield [first, self.rest, last, end]
-        for last in self._one_at_rest(end):
+        for last in self._rest_each_joint(end):
             yield [self.rest, last, end]
 
     def is_free(self, corners: np.ndarray) -> bool:
@@ -79,7 +79,7 @@ class PathPlanner:
         path = np.concatenate([self._interpolate(a, b) for a, b in pairwise(corners)])
         touching = count_contacts(self._simulator, path) > 0
         parted = int(np.argmin(touching))
-        return not touching[parted:].any() and self._only_separates(path[:parted])
+        return not touching[parted:].any() and self._is_only_separating(path[:parted])
 
     def exists(self, begin: np.ndarray, end: np.ndarray) -> bool:
         """Return whether a collision-free path joins two poses [rad; m], shape (n,)."""
@@ -129,11 +129,11 @@ class PathPlanner:
         mujoco.mj_rne(model, data, 0, torques)
         return np.asarray(-torques[layout.dof] / model.actuator_gainprm[layout.control, 0])
 
-    def _one_at_rest(self, pose: np.ndarray) -> list[np.ndarray]:
+    def _rest_each_joint(self, pose: np.ndarray) -> list[np.ndarray]:
         """Return copies of a pose, each with another joint at rest."""
         return [np.where(np.arange(len(pose)) == joint, self.rest, pose) for joint in range(len(pose))]
 
-    def _only_separates(self, path: np.ndarray) -> bool:
+    def _is_only_separating(self, path: np.ndarray) -> bool:
         """Return whether the contacts at the start of a path only open along it."""
         allowed: ContactDistances | None = None
         for pose in path:

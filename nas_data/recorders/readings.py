@@ -41,15 +41,15 @@ class Readings:
         n = states.shape[-1] // 2 if joints is None else joints
         return np.concatenate(
             [
-                reading(states[..., :n], self.noise, self.quantum, rng),
-                reading(states[..., n : 2 * n], self.velocity_noise, self.velocity_quantum, rng),
+                simulate_reading(states[..., :n], self.noise, self.quantum, rng),
+                simulate_reading(states[..., n : 2 * n], self.velocity_noise, self.velocity_quantum, rng),
                 states[..., 2 * n :],
             ],
             axis=-1,
         )
 
 
-def reading(values: np.ndarray, noise: float, quantum: float, rng: np.random.Generator) -> np.ndarray:
+def simulate_reading(values: np.ndarray, noise: float, quantum: float, rng: np.random.Generator) -> np.ndarray:
     """Return values with Gaussian noise, rounded to multiples of a quantum."""
     noisy = values + noise * rng.standard_normal(values.shape) if noise else values
     return np.round(noisy / quantum) * quantum if quantum else noisy

@@ -7,7 +7,7 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.provenance import Provenance
-from nas_data.environment_ids import environment_id
+from nas_data.environment_ids import make_environment_id
 from nas_data.envs.base import find_task, find_task_file
 from nas_data.excitations.babbling import Babbling
 from nas_data.excitations.base import Excitation
@@ -105,7 +105,7 @@ class Recipe:
             episodes=self.episodes,
             seconds=self.steps * task.period,
             seed=self.seed,
-            environment=environment_id(find_task_file(self.environment)),
+            environment=make_environment_id(find_task_file(self.environment)),
         )
         starts = draw_environment_starts(self.environment, self.episodes, pose_rng)
         commands = [as_stored(task.command(rows)) for rows in actions]

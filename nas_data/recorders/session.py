@@ -16,7 +16,7 @@ from nas_data.excitations.base import Excitation
 from nas_data.recorders.readings import Readings
 from nas_data.robots.base import Robot
 from nas_data.simulators.base import Simulator
-from nas_data.simulators.limits import command_limits, command_radians, excitable_limits
+from nas_data.simulators.limits import command_limits, command_radians, find_excitable_limits
 
 SETTLE = 0.5  # [s] for which the first pose is held before the recording starts
 RESET_SHARE = 0.2  # part of each joint's range in which the paper's resets draw a pose
@@ -173,16 +173,16 @@ def draw_commands(target: Target, protocol: PlaybackProtocol, rng: np.random.Gen
     steps = max(1, round(protocol.seconds / simulator.period))
     if protocol.environment:
         return draw_actions(protocol.environment, protocol.excitation, protocol.episodes, steps, rng)
-    low, high = excitable_limits(low, high, simulator.joints, simulator.kinds, simulator.slides)
+    low, high = find_excitable_limits(low, high, simulator.joints, simulator.kinds, simulator.slides)
     radians = command_radians(simulator, low, high)
-    still = resting(target, protocol)
+    still = find_resting_joints(target, protocol)
     pose = np.array(target.robot.rest or np.zeros(len(simulator.joints)))
     rest = np.where([kind == POSITION for kind in simulator.kinds], pose, 0.0)
     low, high = np.where(still, rest, low), np.where(still, rest, high)
     return list(protocol.excitation.commands(rng, protocol.episodes, steps, simulator.period, low, high, radians))
 
 
-def resting(target: Target, protocol: PlaybackProtocol) -> np.ndarray:
+def find_resting_joints(target: Target, protocol: PlaybackProtocol) -> np.ndarray:
     """Return the mask of joints that the excitation leaves at rest, shape (n,).
 
     Raises:
@@ -220,10 +220,10 @@ def draw_poses(target: Target, protocol: PlaybackProtocol, episodes: int, rng: n
         place, index = joints.index(joint), int(model.joint(joint).id)
         if not np.isfinite(high[place] - low[place]):
             low[place], high[place] = model.jnt_range[index] if model.jnt_limited[index] else (0.0, 0.0)
-    low, high = excitable_limits(low, high, joints, [POSITION] * len(joints))
+    low, high = find_excitable_limits(low, high, joints, [POSITION] * len(joints))
     middle, span = (low + high) / 2, (high - low) / 2
     drawn = middle + RESET_SHARE * span * rng.uniform(-1, 1, (episodes, len(joints)))
-    return np.where(resting(target, protocol), np.array(target.robot.rest or np.zeros(len(joints))), drawn)
+    return np.where(find_resting_joints(target, protocol), np.array(target.robot.rest or np.zeros(len(joints))), drawn)
 
 
 def draw_actions(

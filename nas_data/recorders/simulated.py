@@ -14,9 +14,9 @@ from nas_data.dataset.features import (
     POSITION,
     STATE,
     TIME,
-    action_feature,
-    state_feature,
-    time_feature,
+    make_action_feature,
+    make_state_feature,
+    make_time_feature,
 )
 from nas_data.recorders.session import RecordingSession
 from nas_data.simulators.base import Simulator
@@ -88,10 +88,10 @@ def to_dataset(session: RecordingSession, measured: Sequence[np.ndarray]) -> Dat
     after = np.concatenate([episode[1:] for episode in measured]).astype(np.float32)
     n = len(joints)
     features = {
-        STATE: state_feature(joints, simulator.slides),
-        ACTION: action_feature(joints, simulator.kinds, simulator.slides),
-        NEXT_STATE: state_feature(joints, simulator.slides),
-        TIME: time_feature(),
+        STATE: make_state_feature(joints, simulator.slides),
+        ACTION: make_action_feature(joints, simulator.kinds, simulator.slides),
+        NEXT_STATE: make_state_feature(joints, simulator.slides),
+        TIME: make_time_feature(),
     }
     columns = {
         STATE: now[:, : 2 * n],

@@ -6,14 +6,14 @@ from pathlib import Path
 from nas_data.count_of import count_of
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.incremental_writer import IncrementalWriter
-from nas_data.dataset.provenance import now, read_provenance
+from nas_data.dataset.provenance import format_current_time, read_provenance
 from nas_data.dataset.versions import FOLDER, save
 from nas_data.errors import OptionError
 
 SAVING = 10.0  # [s] allowed for saving an episode while the arm stands still
 
 
-def recording_folder(name: str, out: Path | None = None) -> Path:
+def choose_recording_folder(name: str, out: Path | None = None) -> Path:
     """Return the folder of a recording in progress.
 
     Args:
@@ -30,7 +30,7 @@ def describe_progress(root: Path, count: int, wanted: int) -> str:
     return f"{count} of {count_of(wanted, 'episode')} are saved in {root}; the same command goes on from there."
 
 
-def other_recording_error(root: Path, what: str, option: str = "--name") -> OptionError:
+def make_other_recording_error(root: Path, what: str, option: str = "--name") -> OptionError:
     """Return the error for a recording that was begun with other settings.
 
     Args:
@@ -60,6 +60,6 @@ def complete(
     """
     provenance = read_provenance(growing.root)
     assert provenance is not None
-    path = save(dataset, replace(provenance, when=now(), files={}, notes=notes), out=out, name=name)
+    path = save(dataset, replace(provenance, when=format_current_time(), files={}, notes=notes), out=out, name=name)
     growing.remove()
     return path

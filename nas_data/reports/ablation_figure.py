@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from nas_data.joint_units import HINGE, JointUnit
-from nas_data.reports.style import WIDTH, Stroke, house_style, legend_above, make_logarithmic, strokes
+from nas_data.reports.style import WIDTH, Stroke, choose_strokes, house_style, make_logarithmic, place_legend_above
 
 HEADROOM = 2.0  # times the largest median or baseline: one seed that went astray must not squash all others
 TITLES = {"open_loop": "open loop", "one_step": "one step"}
@@ -32,7 +32,7 @@ class AblationCurve:
     high: np.ndarray
 
 
-def error_over_amount(
+def draw_error_over_amount(
     curves: Mapping[str, Mapping[str, AblationCurve]],
     baselines: Mapping[str, Mapping[str, float]],
     unit: str,
@@ -46,7 +46,7 @@ def error_over_amount(
         unit: What the amounts count.
         shown: How errors are shown.
     """
-    looks = strokes([*next(iter(curves.values())), *next(iter(baselines.values()))])
+    looks = choose_strokes([*next(iter(curves.values())), *next(iter(baselines.values()))])
     with house_style():
         figure = Figure(figsize=(WIDTH, 3.8))
         panels = figure.subplots(1, len(curves), squeeze=False)[0]
@@ -56,14 +56,14 @@ def error_over_amount(
             for name, error in baselines[loop].items():
                 draw_line(axes, name, shown.factor * error, looks[name])
             label(axes, sorted({float(a) for curve in predictors.values() for a in curve.amounts}))
-            axes.set_ylim(top=top([*predictors.values()], [*baselines[loop].values()], shown.factor))
+            axes.set_ylim(top=find_axis_top([*predictors.values()], [*baselines[loop].values()], shown.factor))
             axes.set_xlabel(f"{unit} of training data")
             axes.set_ylabel(f"position error, {TITLES[loop]} [{shown.mark.strip()}]")
-        legend_above(figure, panels[0])
+        place_legend_above(figure, panels[0])
     return figure
 
 
-def top(curves: Sequence[AblationCurve], baselines: Sequence[float], scale: float) -> float | None:
+def find_axis_top(curves: Sequence[AblationCurve], baselines: Sequence[float], scale: float) -> float | None:
     """Return where the vertical axis ends, as shown; None where nothing is finite."""
     drawn = np.concatenate([*(curve.median for curve in curves), baselines])
     seen = drawn[np.isfinite(drawn)]

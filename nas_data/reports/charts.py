@@ -15,7 +15,7 @@ VEIL = "2b"  # alpha of bands, as a colour's fourth byte
 Trace = dict[str, object]
 
 
-def line(x: np.ndarray, y: np.ndarray, name: str, look: Stroke, **more: object) -> Trace:
+def make_line(x: np.ndarray, y: np.ndarray, name: str, look: Stroke, **more: object) -> Trace:
     """Return a curve.
 
     Args:
@@ -39,19 +39,19 @@ def line(x: np.ndarray, y: np.ndarray, name: str, look: Stroke, **more: object) 
     }
 
 
-def band(x: np.ndarray, low: np.ndarray, high: np.ndarray, name: str, look: Stroke) -> list[Trace]:
+def make_band(x: np.ndarray, low: np.ndarray, high: np.ndarray, name: str, look: Stroke) -> list[Trace]:
     """Return the area between two curves, shape (T,) each; it goes with the curve of the same name."""
     hidden = Stroke(look.colour, look.line, 0)
     kept = np.isfinite(low) & np.isfinite(high)
     quiet = {"showlegend": False, "hoverinfo": "skip"}
-    below, above = (line(x[kept], edge[kept], name, hidden, **quiet) for edge in (low, high))
+    below, above = (make_line(x[kept], edge[kept], name, hidden, **quiet) for edge in (low, high))
     return [below, {**above, "fill": "tonexty", "fillcolor": look.colour + VEIL}]
 
 
-def dots(
+def make_dots(
     x: Sequence[object] | np.ndarray, y: Sequence[object] | np.ndarray, name: str, look: Stroke, **more: object
 ) -> Trace:
-    """Return dots, one for each pair of values; see `line`."""
+    """Return dots, one for each pair of values; see `make_line`."""
     marker = {"color": look.colour, "size": 9}
     return {
         "type": "scatter", "mode": "markers", "x": np.asarray(x), "y": np.asarray(y), "name": name,
@@ -59,22 +59,22 @@ def dots(
     }  # fmt: skip
 
 
-def axes(x: str, y: str, **more: object) -> dict[str, object]:
+def make_axes(x: str, y: str, **more: object) -> dict[str, object]:
     """Return a layout with titled axes; further keys are plotly's."""
-    return {"xaxis": axis(x), "yaxis": axis(y), **more}
+    return {"xaxis": make_axis(x), "yaxis": make_axis(y), **more}
 
 
-def axis(title: str, **more: object) -> dict[str, object]:
+def make_axis(title: str, **more: object) -> dict[str, object]:
     """Return an axis with its title; further keys are plotly's."""
     return {"title": {"text": title}, **more}
 
 
-def logarithmic(title: str, **more: object) -> dict[str, object]:
+def make_log_axis(title: str, **more: object) -> dict[str, object]:
     """Return a logarithmic axis with plain numbers on it."""
-    return axis(title, type="log", tickformat="~g", dtick="D2", **more)
+    return make_axis(title, type="log", tickformat="~g", dtick="D2", **more)
 
 
-def level(value: float, text: str, colour: str) -> dict[str, object]:
+def make_level_line(value: float, text: str, colour: str) -> dict[str, object]:
     """Return a layout's shape: a horizontal line with its name."""
     label = {"text": text, "textposition": "end", "font": {"size": 11}}
     stroke = {"color": colour, "width": 1.4, "dash": "dot"}
@@ -103,7 +103,7 @@ def thin(x: np.ndarray, y: np.ndarray, most: int = MOST_POINTS) -> tuple[np.ndar
     return x[kept], y[kept]
 
 
-def spread(x: np.ndarray, values: Mapping[str, np.ndarray], looks: Mapping[str, Stroke]) -> list[Trace]:
+def make_spread(x: np.ndarray, values: Mapping[str, np.ndarray], looks: Mapping[str, Stroke]) -> list[Trace]:
     """Return the median of several rows with a band from the lower to the upper quartile, of each name.
 
     Args:
@@ -111,11 +111,11 @@ def spread(x: np.ndarray, values: Mapping[str, np.ndarray], looks: Mapping[str, 
         values: By name, shape (3, T): lower quartile, median, upper quartile.
         looks: By name.
     """
-    bands = [trace for name, (low, _, high) in values.items() for trace in band(x, low, high, name, looks[name])]
-    return bands + [line(x, middle, name, looks[name]) for name, (_, middle, _) in values.items()]
+    bands = [trace for name, (low, _, high) in values.items() for trace in make_band(x, low, high, name, looks[name])]
+    return bands + [make_line(x, middle, name, looks[name]) for name, (_, middle, _) in values.items()]
 
 
-def motion(
+def make_motion_chart(
     time: np.ndarray,
     measured: np.ndarray,
     predicted: Mapping[str, np.ndarray],
@@ -136,12 +136,12 @@ def motion(
         floor: Noise floor as shown, a band about zero.
     """
     steps = {"line": {"color": looks["command"].colour, "width": 1.2, "shape": "hv"}}
-    traces = [] if command is None else [line(time, command, "command", looks["command"], **steps)]
+    traces = [] if command is None else [make_line(time, command, "command", looks["command"], **steps)]
     wide = {"line": {"color": looks["measured"].colour, "width": UNDERNEATH}}
-    traces.append(line(time, measured, "measured", looks["measured"], **wide))
+    traces.append(make_line(time, measured, "measured", looks["measured"], **wide))
     for name, values in predicted.items():
-        traces.append(line(time, values, name, looks[name]))
-        traces.append(line(time, values - measured, name, looks[name], yaxis="y2", showlegend=False))
+        traces.append(make_line(time, values, name, looks[name]))
+        traces.append(make_line(time, values - measured, name, looks[name], yaxis="y2", showlegend=False))
     noise = {
         "type": "rect",
         "xref": "paper",
@@ -153,9 +153,9 @@ def motion(
         "layer": "below",
     }
     layout: dict[str, object] = {
-        "xaxis": axis("time since the start of the episode [s]", anchor="y2"),
-        "yaxis": axis(labels[0], domain=[0.42, 1.0]),
-        "yaxis2": axis(f"error [{labels[1]}]", domain=[0.0, 0.35]),
+        "xaxis": make_axis("time since the start of the episode [s]", anchor="y2"),
+        "yaxis": make_axis(labels[0], domain=[0.42, 1.0]),
+        "yaxis2": make_axis(f"error [{labels[1]}]", domain=[0.0, 0.35]),
         "shapes": [{**noise, "line": {"width": 0}, "fillcolor": "#99999955"}] if floor else [],
     }
     return traces, layout

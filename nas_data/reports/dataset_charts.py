@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.joint_units import JointUnit, joint_unit
-from nas_data.reports.charts import Trace, axes, axis, dots, level, line
+from nas_data.joint_units import JointUnit, find_joint_unit
+from nas_data.reports.charts import Trace, make_axes, make_axis, make_dots, make_level_line, make_line
 from nas_data.reports.page import Chart
 from nas_data.reports.style import BLACK, BLUE, LIGHT, ORANGE, STROKES, VERMILION, Stroke
 
@@ -45,16 +45,16 @@ class Panels:
         self.layout[f"yaxis{mark}"] = {"domain": upwards, "anchor": f"x{mark}"}
 
 
-def units_by_joint(dataset: Dataset) -> dict[str, JointUnit]:
+def list_joint_units(dataset: Dataset) -> dict[str, JointUnit]:
     """Return the unit of each joint's positions."""
-    return {joint: joint_unit(joint, dataset.slides) for joint in dataset.joints}
+    return {joint: find_joint_unit(joint, dataset.slides) for joint in dataset.joints}
 
 
-def coverage_chart(dataset: Dataset) -> Chart:
+def make_coverage_chart(dataset: Dataset) -> Chart:
     """Return how often each joint was at which position at which speed."""
     n = len(dataset.joints)
     traces, panels = [], Panels(n)
-    for place, (joint, unit) in enumerate(units_by_joint(dataset).items()):
+    for place, (joint, unit) in enumerate(list_joint_units(dataset).items()):
         positions, speeds = (unit.factor * dataset.states[:, column] for column in (place, n + place))
         counts, x, y = np.histogram2d(positions, speeds, BINS)
         share = np.where(counts > 0, np.log10(np.maximum(counts, 1.0)), np.nan)
@@ -80,10 +80,10 @@ def coverage_chart(dataset: Dataset) -> Chart:
     return Chart("states", caption, traces, {**panels.layout, "hovermode": "closest"}, panels.height)
 
 
-def command_chart(dataset: Dataset) -> Chart:
+def make_command_chart(dataset: Dataset) -> Chart:
     """Return how often each joint was commanded what, beside where it was, where commands are positions."""
     traces, panels = [], Panels(len(dataset.joints))
-    for place, (joint, unit) in enumerate(units_by_joint(dataset).items()):
+    for place, (joint, unit) in enumerate(list_joint_units(dataset).items()):
         is_position = dataset.kinds[place] == ".pos"
         factor = unit.factor if is_position else 1.0
         shown = {"command": (factor * dataset.commands[:, place], ORANGE)}
@@ -94,7 +94,7 @@ def command_chart(dataset: Dataset) -> Chart:
             share = 100 * np.histogram(values, edges)[0] / len(values)
             steps = {"line": {"color": colour, "width": 1.6, "shape": "hvh"}, "showlegend": place == 0}
             traces.append(
-                line((edges[1:] + edges[:-1]) / 2, share, name, STROKES[name], **steps, **panels.place(place))
+                make_line((edges[1:] + edges[:-1]) / 2, share, name, STROKES[name], **steps, **panels.place(place))
             )
         unit_name = unit.mark.strip() if is_position else dataset.features["action"].units[place]
         panels.title(place, f"{joint} [{unit_name}]")
@@ -102,7 +102,7 @@ def command_chart(dataset: Dataset) -> Chart:
     return Chart("commands", caption, traces, panels.layout, panels.height)
 
 
-def step_charts(steps: Sequence[np.ndarray], period: float) -> list[Chart]:
+def make_step_charts(steps: Sequence[np.ndarray], period: float) -> list[Chart]:
     """Return how long the steps of the clock are, and the longest of each episode.
 
     Args:
@@ -114,30 +114,32 @@ def step_charts(steps: Sequence[np.ndarray], period: float) -> list[Chart]:
         "type": "bar", "x": (edges[1:] + edges[:-1]) / 2, "y": counts, "marker": {"color": BLUE}, "showlegend": False,
         "name": "steps",
     }  # fmt: skip
-    layout = axes("time from one row to the next [ms]", "steps", bargap=0.0)
-    layout["yaxis"] = axis("steps", type="log", tickformat="~g")
+    layout = make_axes("time from one row to the next [ms]", "steps", bargap=0.0)
+    layout["yaxis"] = make_axis("steps", type="log", tickformat="~g")
     worst = np.array([1e3 * part.max() if len(part) else np.nan for part in steps])
-    longest = dots(np.arange(len(steps)), worst, "longest", STROKES["source"])
-    along = axes("episode", "longest step [ms]", shapes=[level(1e3 * period, "control period", LIGHT)])
+    longest = make_dots(np.arange(len(steps)), worst, "longest", STROKES["source"])
+    along = make_axes("episode", "longest step [ms]", shapes=[make_level_line(1e3 * period, "control period", LIGHT)])
     return [
         Chart("steps", "Time steps of the recorder's clock.", [bars], layout),
         Chart("longest", "The longest step of each episode.", [longest], along),
     ]
 
 
-def episode_chart(dataset: Dataset, episode: int) -> Chart:
+def make_episode_chart(dataset: Dataset, episode: int) -> Chart:
     """Return the positions and commands of all joints in an episode."""
     rows = dataset.episode(episode)
     time = np.arange(int(dataset.lengths[episode])) / dataset.fps
     traces: list[Trace] = []
     panels = Panels(len(dataset.joints))
-    for place, (joint, unit) in enumerate(units_by_joint(dataset).items()):
+    for place, (joint, unit) in enumerate(list_joint_units(dataset).items()):
         where = {**panels.place(place), "showlegend": place == 0}
-        traces.append(line(time, unit.factor * dataset.states[rows, place], "measured", STROKES["measured"], **where))
+        traces.append(
+            make_line(time, unit.factor * dataset.states[rows, place], "measured", STROKES["measured"], **where)
+        )
         if dataset.kinds[place] == ".pos":
             stroke = {"line": {"color": VERMILION, "width": 1.2, "shape": "hv"}}
             command = unit.factor * dataset.commands[rows, place]
-            traces.append(line(time, command, "command", Stroke(VERMILION), **stroke, **where))
+            traces.append(make_line(time, command, "command", Stroke(VERMILION), **stroke, **where))
         panels.title(place, f"{joint} [{unit.mark.strip()}]")
     return Chart(
         f"episode_{episode}", f"Episode {episode}: positions over time [s].", traces, panels.layout, panels.height

@@ -12,7 +12,13 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.summary import DatasetSummary, summarize
 from nas_data.dataset.timing import LATE
 from nas_data.errors import NasError
-from nas_data.reports.dataset_charts import command_chart, coverage_chart, episode_chart, step_charts, units_by_joint
+from nas_data.reports.dataset_charts import (
+    list_joint_units,
+    make_command_chart,
+    make_coverage_chart,
+    make_episode_chart,
+    make_step_charts,
+)
 from nas_data.reports.episode_numbers import find_differing, measure_episodes, measure_steps
 from nas_data.reports.page import Block, Facts, HtmlPage, HtmlTable, PageSection, Text
 
@@ -35,22 +41,24 @@ def page_of_folder(folder: Path) -> HtmlPage:
     title = f"Dataset {summary.name}"
     if summary.unusable:
         reason = PageSection("Not usable as it is", [Text(summary.unusable)])
-        return HtmlPage(title, [PageSection("", [Text(lead(summary), lead=True)]), reason, rests_on(summary)])
+        return HtmlPage(
+            title, [PageSection("", [Text(format_lead(summary), lead=True)]), reason, make_provenance_section(summary)]
+        )
     dataset = Dataset.load(summary.dataset)
     steps = measure_steps(dataset)
     sections = [
-        PageSection("", [Text(lead(summary), lead=True), *map(Text, summary.warnings)]),
-        PageSection("Coverage of states", [coverage_chart(dataset), ranges_table(dataset)]),
-        PageSection("Coverage of commands", [command_chart(dataset)]),
-        PageSection("Rates and jitter", timing_blocks(dataset, steps)),
-        PageSection("Holes", hole_blocks(dataset, steps)),
-        PageSection("Episodes to look at", episode_blocks(dataset, measure_episodes(dataset, steps))),
-        rests_on(summary),
+        PageSection("", [Text(format_lead(summary), lead=True), *map(Text, summary.warnings)]),
+        PageSection("Coverage of states", [make_coverage_chart(dataset), make_ranges_table(dataset)]),
+        PageSection("Coverage of commands", [make_command_chart(dataset)]),
+        PageSection("Rates and jitter", make_timing_blocks(dataset, steps)),
+        PageSection("Holes", make_hole_blocks(dataset, steps)),
+        PageSection("Episodes to look at", make_episode_blocks(dataset, measure_episodes(dataset, steps))),
+        make_provenance_section(summary),
     ]
     return HtmlPage(title, [section for section in sections if section.blocks])
 
 
-def lead(summary: DatasetSummary) -> str:
+def format_lead(summary: DatasetSummary) -> str:
     """Say in one sentence what was recorded."""
     frames, count = sum(summary.lengths), len(summary.lengths)
     joints = f" with {count_of(len(summary.joints), 'joint')}" if summary.joints else ""
@@ -62,10 +70,10 @@ def lead(summary: DatasetSummary) -> str:
     )
 
 
-def ranges_table(dataset: Dataset) -> HtmlTable:
+def make_ranges_table(dataset: Dataset) -> HtmlTable:
     """Return the ranges of each joint's positions, speeds and commands."""
     n, rows = len(dataset.joints), []
-    for place, (joint, unit) in enumerate(units_by_joint(dataset).items()):
+    for place, (joint, unit) in enumerate(list_joint_units(dataset).items()):
         positions, speeds = unit.factor * dataset.states[:, place], unit.factor * np.abs(dataset.states[:, n + place])
         factor = unit.factor if dataset.kinds[place] == ".pos" else 1.0
         commands = factor * dataset.commands[:, place]
@@ -85,7 +93,7 @@ def ranges_table(dataset: Dataset) -> HtmlTable:
     return HtmlTable(headers, rows, "Speeds in the unit a second. Reversals: how often the speed changed its sign.")
 
 
-def timing_blocks(dataset: Dataset, steps: Sequence[np.ndarray]) -> list[Block]:
+def make_timing_blocks(dataset: Dataset, steps: Sequence[np.ndarray]) -> list[Block]:
     """Return how evenly the rows came."""
     if not steps or not sum(map(len, steps)):
         return [Text("The recording has no clock of its own (nas.time): rows count as evenly spaced.")]
@@ -100,10 +108,10 @@ def timing_blocks(dataset: Dataset, steps: Sequence[np.ndarray]) -> list[Block]:
         "Steps": f"{1e3 * float(whole.min()):.3g} to {1e3 * float(whole.max()):.3g} ms",
         "Uneven": f"{100 * float(uneven.mean()):.2g} % of the steps are off by more than {LATE:g} control periods",
     }
-    return [Facts(said), *step_charts(steps, period)]
+    return [Facts(said), *make_step_charts(steps, period)]
 
 
-def hole_blocks(dataset: Dataset, steps: Sequence[np.ndarray]) -> list[Block]:
+def make_hole_blocks(dataset: Dataset, steps: Sequence[np.ndarray]) -> list[Block]:
     """Return where nothing was measured for a while, and what the audits notice."""
     rows = [
         (f"episode {episode}", f"{part[:place].sum():.2f} s", f"{1e3 * part[place]:.0f} ms")
@@ -119,7 +127,7 @@ def hole_blocks(dataset: Dataset, steps: Sequence[np.ndarray]) -> list[Block]:
     return [*blocks, HtmlTable(("", "check", "what the audits notice"), noticed)] if noticed else blocks
 
 
-def episode_blocks(dataset: Dataset, measured: Mapping[str, np.ndarray]) -> list[Block]:
+def make_episode_blocks(dataset: Dataset, measured: Mapping[str, np.ndarray]) -> list[Block]:
     """Return which episodes differ from the others, the most striking ones drawn, and all in a table."""
     striking = find_differing(measured)
     told = [f"episode {episode} ({', '.join(why)})" for episode, why in striking.items()]
@@ -135,11 +143,11 @@ def episode_blocks(dataset: Dataset, measured: Mapping[str, np.ndarray]) -> list
     )
     if len(listed) < dataset.n_episodes:
         note += f" Only the first {MOST_EPISODES} of {dataset.n_episodes} episodes."
-    drawn = [episode_chart(dataset, episode) for episode in (list(striking) or [0])[:SHOWN]]
+    drawn = [make_episode_chart(dataset, episode) for episode in (list(striking) or [0])[:SHOWN]]
     return [Text(said), *drawn, HtmlTable(("episode", *measured, "differs in"), rows, note)]
 
 
-def rests_on(summary: DatasetSummary) -> PageSection:
+def make_provenance_section(summary: DatasetSummary) -> PageSection:
     """Return hashes, versions and where the dataset comes from."""
     entries: dict[str, str] = {
         "Folder": str(summary.dataset),

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from nas_data.policies.intervals import Interval
-from nas_data.reports.style import GREY, WIDTH, house_style, legend_above, strokes
+from nas_data.reports.style import GREY, WIDTH, choose_strokes, house_style, place_legend_above
 
 THEIRS = "the authors, on their target"
 BESIDE = 0.28  # of a column's width: the authors' numbers stand right of ours
@@ -34,7 +34,7 @@ class Panel:
     authors: Mapping[str, Sequence[float]]
 
 
-def returns_by_method(panels: Sequence[Panel], label: str, quick: bool) -> Figure:
+def draw_returns_by_method(panels: Sequence[Panel], label: str, quick: bool) -> Figure:
     """Draw a panel an environment: a dot a seed, a bar at the median with its interval, diamonds for the authors'.
 
     Args:
@@ -58,8 +58,8 @@ def returns_by_method(panels: Sequence[Panel], label: str, quick: bool) -> Figur
 
 def draw_panel(axes: Axes, panel: Panel) -> None:
     """Draw one environment."""
-    looks = strokes(list(panel.returns))
-    low, high = window(panel)
+    looks = choose_strokes(list(panel.returns))
+    low, high = find_drawn_range(panel)
     for column, (method, values) in enumerate(panel.returns.items()):
         colour = looks[method].colour
         offsets = np.linspace(-SPREAD, SPREAD, len(values)) if len(values) > 1 else np.zeros(1)
@@ -77,7 +77,7 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
     axes.set_title(f"{panel.title} (◇ {THEIRS})" if panel.authors else panel.title, fontsize=10)
 
 
-def window(panel: Panel) -> tuple[float, float]:
+def find_drawn_range(panel: Panel) -> tuple[float, float]:
     """Return the lowest and highest return that are drawn at their place."""
     medians = np.array([float(np.median(values)) for values in panel.returns.values()])
     every = np.concatenate([*panel.returns.values(), *(np.array(v) for v in panel.authors.values())])
@@ -87,7 +87,7 @@ def window(panel: Panel) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-def return_over_count(
+def draw_return_over_count(
     counts: Sequence[int],
     returns: Mapping[str, Iterable[np.ndarray]],
     labels: Mapping[str, str],
@@ -105,7 +105,7 @@ def return_over_count(
         authors: Mean and standard deviation by number of trajectories.
         quick: Whether to say that this is no result.
     """
-    looks = strokes([*returns, *ends])
+    looks = choose_strokes([*returns, *ends])
     with house_style():
         figure = Figure(figsize=(WIDTH, 3.6))
         axes = figure.subplots()
@@ -129,7 +129,7 @@ def return_over_count(
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_xlabel("recorded trajectories that were learned from")
         axes.set_ylabel("mean return on the target")
-        legend_above(figure, axes, columns=4 if len(returns) == 1 else 3)
+        place_legend_above(figure, axes, columns=4 if len(returns) == 1 else 3)
         warn(figure, quick)
     return figure
 

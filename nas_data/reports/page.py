@@ -69,7 +69,7 @@ class Chart:
 
     def to_json(self) -> str:
         """Return traces and layout; no text in it ends the script element in which it stands."""
-        text = json.dumps({"data": self.traces, "layout": self.layout}, default=packed, ensure_ascii=False)
+        text = json.dumps({"data": self.traces, "layout": self.layout}, default=pack_array, ensure_ascii=False)
         return text.replace("<", "\\u003c")
 
 
@@ -143,12 +143,12 @@ class HtmlPage:
 
     def to_html(self) -> str:
         """Return the page; it asks no server for anything."""
-        library = plotly_js() if self.charts() else ""
-        return page_template().render(page=self, generator=GENERATOR, library=library)
+        library = load_plotly_js() if self.charts() else ""
+        return load_page_template().render(page=self, generator=GENERATOR, library=library)
 
 
 @cache
-def page_template() -> "Template":
+def load_page_template() -> "Template":
     """Return the template of every page."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -164,14 +164,14 @@ def page_template() -> "Template":
 
 
 @cache
-def plotly_js() -> str:
+def load_plotly_js() -> str:
     """Return plotly.js."""
     from plotly.offline import get_plotlyjs
 
     return str(get_plotlyjs())
 
 
-def packed(values: object) -> object:
+def pack_array(values: object) -> object:
     """Return an array as plotly.js takes it: numbers as base64, 4 bytes each, words as a list."""
     if not isinstance(values, np.ndarray):
         raise TypeError(f"{values!r} cannot be drawn")

@@ -5,14 +5,14 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from nas_data.reports.style import WIDTH, house_style, legend_above, make_logarithmic, strokes
+from nas_data.reports.style import WIDTH, choose_strokes, house_style, make_logarithmic, place_legend_above
 
 FLOOR = 0.1  # [deg] below the resolution of usual servos; a logarithm needs some floor
 QUARTILES = (0.25, 0.5, 0.75)
 HEADROOM = 1.5  # times the largest finite error, where the axis of errors ends
 
 
-def trajectory(
+def draw_trajectory(
     measured: np.ndarray, predicted: Mapping[str, np.ndarray], command: np.ndarray | None, period: float, joint: str
 ) -> Figure:
     """Draw one joint of one episode, and the predictors' errors below.
@@ -25,7 +25,7 @@ def trajectory(
         joint: Its name.
     """
     time = period * np.arange(1, len(measured) + 1)
-    looks = strokes([*predicted, "measured", "command"])
+    looks = choose_strokes([*predicted, "measured", "command"])
     with house_style():
         figure = Figure(figsize=(WIDTH, 4.6))
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1))
@@ -42,11 +42,11 @@ def trajectory(
         below.set_ylabel("error [°]")
         below.set_xlabel("time since the start of the rollout [s]")
         below.set_xlim(0.0, time[-1])
-        legend_above(figure, above)
+        place_legend_above(figure, above)
     return figure
 
 
-def growth(errors: Mapping[str, Sequence[np.ndarray]], period: float) -> Figure:
+def draw_error_growth(errors: Mapping[str, Sequence[np.ndarray]], period: float) -> Figure:
     """Draw how errors grow over rollouts: median and quartiles over episodes.
 
     A band that reaches the upper edge and a line that ends have diverged in a quarter and in half of the episodes.
@@ -55,7 +55,7 @@ def growth(errors: Mapping[str, Sequence[np.ndarray]], period: float) -> Figure:
         errors: Of each predictor, the RMS over joints [rad] at each step of each episode, each of shape (T,).
         period: Control period [s].
     """
-    looks = strokes(list(errors))
+    looks = choose_strokes(list(errors))
     curves = {name: np.degrees(quartiles(episodes)).clip(FLOOR) for name, episodes in errors.items()}
     finite = np.concatenate([values[np.isfinite(values)] for values in curves.values()])
     edge = HEADROOM * float(finite.max(initial=FLOOR))
@@ -71,7 +71,7 @@ def growth(errors: Mapping[str, Sequence[np.ndarray]], period: float) -> Figure:
         axes.set_ylabel("position error, RMS of joints [°]")
         axes.set_xlabel("time since the start of the rollout [s]")
         axes.set_xlim(0.0, period * max(len(episode) for episodes in errors.values() for episode in episodes))
-        legend_above(figure, axes)
+        place_legend_above(figure, axes)
     return figure
 
 
@@ -91,6 +91,6 @@ def quartiles(episodes: Sequence[np.ndarray]) -> np.ndarray:
     return np.where(lower == higher, lower, np.where(np.isinf(higher), np.inf, between))
 
 
-def joint_errors(predicted: np.ndarray, measured: np.ndarray, joints: int) -> np.ndarray:
+def compute_joint_errors(predicted: np.ndarray, measured: np.ndarray, joints: int) -> np.ndarray:
     """Return the RMS position error over joints [rad] at each step, shape (T,), from states of shape (T, ≥n)."""
     return np.sqrt(np.square(predicted[:, :joints] - measured[:, :joints]).mean(axis=1))

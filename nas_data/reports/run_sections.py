@@ -7,11 +7,11 @@ import numpy as np
 
 from nas_data.joint_units import SHARE
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD
-from nas_data.policies.share import share
-from nas_data.reports.charts import Trace, axes, axis, band, dots, line
+from nas_data.policies.share import compute_share
+from nas_data.reports.charts import Trace, make_axes, make_axis, make_band, make_dots, make_line
 from nas_data.reports.page import Block, Chart, HtmlTable, PageSection, Text
-from nas_data.reports.runs import NAMED, NAMED_AND_LEARNED, LearningCurve, ModelRun, PolicyRun, scores
-from nas_data.reports.style import Stroke, strokes
+from nas_data.reports.runs import NAMED, NAMED_AND_LEARNED, LearningCurve, ModelRun, PolicyRun, collect_scores
+from nas_data.reports.style import Stroke, choose_strokes
 
 LEARNED_ON = {
     EXPERT_METHOD: "the target itself",
@@ -25,16 +25,16 @@ LEARNED_ON = {
 OF_BOTH = ", each joint's over the spread of the positions of its kind, hinges or slides [%]"
 
 
-def models_chart(models: Sequence[ModelRun]) -> Chart:
+def make_models_chart(models: Sequence[ModelRun]) -> Chart:
     """Return the validation errors of models over their training."""
     units = list(dict.fromkeys(model.unit for model in models))
     label = f"validation error [{units[0].mark.strip()}]" if len(units) == 1 and units[0] else "validation error"
-    names = distinct(models)
-    looks = strokes(names)
+    names = make_distinct_names(models)
+    looks = choose_strokes(names)
     traces = []
     for name, model in zip(names, models, strict=True):
         updates, errors = np.array(model.errors, float).reshape(-1, 2).T
-        traces.append(line(updates, errors, name, looks[name], mode="lines+markers"))
+        traces.append(make_line(updates, errors, name, looks[name], mode="lines+markers"))
     what = "; or ".join(
         f"RMS position error of open-loop rollouts{OF_BOTH if unit is SHARE else f' [{unit.mark.strip()}]'}"
         if unit
@@ -42,11 +42,11 @@ def models_chart(models: Sequence[ModelRun]) -> Chart:
         for unit in units
     )
     caption = f"How the models learned, on what was held out for early stopping: {what}. The best is kept."
-    layout = {"xaxis": axis("updates"), "yaxis": axis(label, rangemode="tozero")}
+    layout = {"xaxis": make_axis("updates"), "yaxis": make_axis(label, rangemode="tozero")}
     return Chart("model_training", caption, traces, layout)
 
 
-def distinct(models: Sequence[ModelRun]) -> list[str]:
+def make_distinct_names(models: Sequence[ModelRun]) -> list[str]:
     """Return a name for each model; those that would share one also carry their folder's."""
     names = [model.name for model in models]
     return [
@@ -55,7 +55,7 @@ def distinct(models: Sequence[ModelRun]) -> list[str]:
     ]
 
 
-def models_section(models: Sequence[ModelRun]) -> PageSection:
+def make_models_section(models: Sequence[ModelRun]) -> PageSection:
     """Return the section about models."""
     rows = [
         (
@@ -66,57 +66,67 @@ def models_section(models: Sequence[ModelRun]) -> PageSection:
             model.dataset,
             model.content_hash[:8],
         )
-        for name, model in zip(distinct(models), models, strict=True)
+        for name, model in zip(make_distinct_names(models), models, strict=True)
     ]
     headers = ("model", "best validation error", "updates", "time", "learned from", "content hash")
-    return PageSection("Models", [models_chart(models), HtmlTable(headers, rows)])
+    return PageSection("Models", [make_models_chart(models), HtmlTable(headers, rows)])
 
 
-def learning_charts(groups: Mapping[str, Sequence[PolicyRun]]) -> list[Chart]:
+def make_learning_charts(groups: Mapping[str, Sequence[PolicyRun]]) -> list[Chart]:
     """Return return and success of policies while they learned: median over seeds, band from lowest to highest."""
-    looks = strokes(list(groups))
+    looks = choose_strokes(list(groups))
     curves = {method: [run.curve for run in runs] for method, runs in groups.items()}
     caption = (
         "How the policies learned, each method in its own environment, exploring: median over seeds, and a band from "
         "the lowest to the highest."
     )
     steps = "control steps learned from [thousand]"
-    returns = [trace for name, seeds in curves.items() for trace in over_frames(name, seeds, "returns", 1, looks[name])]
+    returns = [
+        trace
+        for name, seeds in curves.items()
+        for trace in make_learning_traces(name, seeds, "returns", 1, looks[name])
+    ]
     success = [
-        trace for name, seeds in curves.items() for trace in over_frames(name, seeds, "success", 100, looks[name])
+        trace
+        for name, seeds in curves.items()
+        for trace in make_learning_traces(name, seeds, "success", 100, looks[name])
     ]
     return [
-        Chart("learning_curves", caption, returns, axes(steps, "return of an episode")),
-        Chart("success", "The same for reaching the goal.", success, axes(steps, "episodes that reach the goal [%]")),
+        Chart("learning_curves", caption, returns, make_axes(steps, "return of an episode")),
+        Chart(
+            "success", "The same for reaching the goal.", success, make_axes(steps, "episodes that reach the goal [%]")
+        ),
     ]
 
 
-def over_frames(name: str, seeds: Sequence[LearningCurve], what: str, factor: float, look: Stroke) -> list[Trace]:
+def make_learning_traces(
+    name: str, seeds: Sequence[LearningCurve], what: str, factor: float, look: Stroke
+) -> list[Trace]:
     """Return the median of several seeds, and a band between their extremes; unequal ends are cut to the shortest."""
     shortest = min(len(seed.frames) for seed in seeds)
     values = factor * np.stack([getattr(seed, what)[:shortest] for seed in seeds])
     known = ~np.isnan(values).all(axis=0)
     values, thousands = values[:, known], seeds[0].frames[:shortest][known] / 1000
     low, middle, high = np.nanmin(values, axis=0), np.nanmedian(values, axis=0), np.nanmax(values, axis=0)
-    return [*band(thousands, low, high, name, look), line(thousands, middle, name, look)]
+    return [*make_band(thousands, low, high, name, look), make_line(thousands, middle, name, look)]
 
 
-def target_chart(groups: Mapping[str, Sequence[PolicyRun]]) -> list[Chart]:
+def make_target_chart(groups: Mapping[str, Sequence[PolicyRun]]) -> list[Chart]:
     """Return every policy's mean return on the target: a row a method, a dot a seed; nothing where none was judged."""
-    returns = {method: scores(runs) for method, runs in groups.items()}
+    returns = {method: collect_scores(runs) for method, runs in groups.items()}
     returns = {method: values for method, values in returns.items() if len(values)}
     if not returns:
         return []
-    looks = strokes(list(returns))
+    looks = choose_strokes(list(returns))
     traces = []
     for method, values in returns.items():
         bar = {"width": 3, "color": looks[method].colour}
         middle = {"size": 22, "symbol": "line-ns", "line": bar}
-        traces.append(dots(values, [method] * len(values), method, looks[method], showlegend=False, opacity=0.75))
+        traces.append(make_dots(values, [method] * len(values), method, looks[method], showlegend=False, opacity=0.75))
         median = f"{method}, median"
-        traces.append(dots([np.median(values)], [method], median, looks[method], marker=middle, showlegend=False))
+        traces.append(make_dots([np.median(values)], [method], median, looks[method], marker=middle, showlegend=False))
     layout = {
-        "xaxis": axis("mean return of an episode on the target"),
+        "xaxis": make_axis("mean return of an episode on the target"),
         "yaxis": {"autorange": "reversed", "ticksuffix": " "},
         "hovermode": "closest",
     }
@@ -124,16 +134,18 @@ def target_chart(groups: Mapping[str, Sequence[PolicyRun]]) -> list[Chart]:
     return [Chart("returns_on_target", caption, traces, layout, height=120 + 42 * len(returns))]
 
 
-def policies_table(groups: Mapping[str, Sequence[PolicyRun]], extra: Mapping[str, Mapping[str, float]]) -> HtmlTable:
+def make_policies_table(
+    groups: Mapping[str, Sequence[PolicyRun]], extra: Mapping[str, Mapping[str, float]]
+) -> HtmlTable:
     """Return the policies' scores on the target, or how they ended training where none was judged.
 
     Args:
         groups: Policies of each method.
         extra: Mean return and success rate of what needs no learning, by name.
     """
-    judged = any(len(scores(runs)) for runs in groups.values())
+    judged = any(len(collect_scores(runs)) for runs in groups.values())
     headers = ["learned on", "return: median", "success", "lowest … highest", "seeds", "distance closed"]
-    rows = [method_row(method, runs, groups, judged) for method, runs in groups.items()]
+    rows = [make_method_row(method, runs, groups, judged) for method, runs in groups.items()]
     rows += [
         (f"no learning: {name}", f"{score['return']:.2f}", f"{score['success_rate']:.0%}", "", "", "")
         for name, score in extra.items()
@@ -147,19 +159,19 @@ def policies_table(groups: Mapping[str, Sequence[PolicyRun]], extra: Mapping[str
     return HtmlTable(headers if judged else headers[:-1], rows if judged else [row[:-1] for row in rows], note)
 
 
-def method_row(
+def make_method_row(
     method: str, runs: Sequence[PolicyRun], groups: Mapping[str, Sequence[PolicyRun]], judged: bool
 ) -> tuple[str, ...]:
     """Return a method's row of the table of policies."""
     if judged:
-        returns, success = scores(runs), scores(runs, "success_rate")
+        returns, success = collect_scores(runs), collect_scores(runs, "success_rate")
     else:
-        returns = np.array([last(run.curve.returns) for run in runs])
-        success = np.array([last(run.curve.success) for run in runs])
+        returns = np.array([take_last(run.curve.returns) for run in runs])
+        success = np.array([take_last(run.curve.success) for run in runs])
     if not len(returns):
-        return (title(method), "", "", "", "", "")
+        return (format_method(method), "", "", "", "", "")
     return (
-        title(method),
+        format_method(method),
         f"{np.median(returns):.2f}",
         f"{np.median(success):.0%}",
         f"{returns.min():.2f} … {returns.max():.2f}",
@@ -168,7 +180,7 @@ def method_row(
     )
 
 
-def title(method: str) -> str:
+def format_method(method: str) -> str:
     """Return a method's name with what it learned on."""
     word, _, rest = method.partition(" ")
     return f"{method}: {LEARNED_ON[word]}" if word in LEARNED_ON and not rest else method
@@ -178,17 +190,17 @@ def format_share(method: str, groups: Mapping[str, Sequence[PolicyRun]]) -> str:
     """Return the share of the distance from source to expert that a method closes, as text."""
     if method in (SOURCE_METHOD, EXPERT_METHOD) or not {SOURCE_METHOD, EXPERT_METHOD} <= set(groups):
         return ""
-    values, source, expert = (scores(groups[name]) for name in (method, SOURCE_METHOD, EXPERT_METHOD))
-    return str(share(values, source, expert)) if len(values) and len(source) and len(expert) else ""
+    values, source, expert = (collect_scores(groups[name]) for name in (method, SOURCE_METHOD, EXPERT_METHOD))
+    return str(compute_share(values, source, expert)) if len(values) and len(source) and len(expert) else ""
 
 
-def last(values: np.ndarray) -> float:
+def take_last(values: np.ndarray) -> float:
     """Return the last value that is a number; NaN where there is none."""
     numbers = values[~np.isnan(values)]
     return float(numbers[-1]) if len(numbers) else math.nan
 
 
-def policies_section(groups: Mapping[str, Sequence[PolicyRun]]) -> PageSection:
+def make_policies_section(groups: Mapping[str, Sequence[PolicyRun]]) -> PageSection:
     """Return the section about policies."""
     runs = [run for group in groups.values() for run in group]
     environments = ", ".join(sorted({run.environment for run in runs}))
@@ -196,8 +208,8 @@ def policies_section(groups: Mapping[str, Sequence[PolicyRun]]) -> PageSection:
     sizes = f"{frames[0]:,}" if len(frames) == 1 else f"{frames[0]:,} to {frames[-1]:,}"
     blocks: list[Block] = [
         Text(f"Policies: {len(runs)}, in {environments}, each learned from {sizes} control steps."),
-        *learning_charts(groups),
-        *target_chart(groups),
-        policies_table(groups, {}),
+        *make_learning_charts(groups),
+        *make_target_chart(groups),
+        make_policies_table(groups, {}),
     ]
     return PageSection("Policies", blocks)

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.errors import CheckpointError
-from nas_data.joint_units import HINGE, JointUnit, display_unit
+from nas_data.joint_units import HINGE, JointUnit, find_display_unit
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD
 from nas_data.policies.policy import CONFIG, PROGRESS, read_config, read_progress
 from nas_data.policies.result import PolicyScore, read_result
-from nas_data.visible_files import visible
+from nas_data.visible_files import list_visible_files
 
 HISTORY, CHECKPOINT = "history.json", "checkpoint"
 MODEL_NAMES = {"delta": "source + φ", "forward": "ψ"}
@@ -144,9 +144,11 @@ def find_runs(paths: Iterable[Path]) -> Runs:
         if not path.is_dir():
             raise CheckpointError(f"There is no run at {path}; give a folder that a training wrote, or one around it.")
         found = {
-            file.parent: read_model(file.parent) for file in visible(path, f"**/{HISTORY}") if is_model(file.parent)
+            file.parent: read_model(file.parent)
+            for file in list_visible_files(path, f"**/{HISTORY}")
+            if is_model(file.parent)
         }
-        learned = {file.parent: read_policy(file.parent) for file in visible(path, f"**/{PROGRESS}")}
+        learned = {file.parent: read_policy(file.parent) for file in list_visible_files(path, f"**/{PROGRESS}")}
         if not found and not learned:
             raise CheckpointError(
                 f"{path} holds no finished run: no {HISTORY} of `nas train` and no {PROGRESS} of `nas policy train`."
@@ -180,7 +182,7 @@ def read_model(folder: Path) -> ModelRun:
             kind=str(config["kind"]),
             dataset=str(dataset.get("name", "unknown")),
             content_hash=str(dataset.get("content_hash", "")),
-            unit=display_unit(provenance.get("validation_unit") or HINGE.si) if free else None,
+            unit=find_display_unit(provenance.get("validation_unit") or HINGE.si) if free else None,
             history=rows,
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -200,7 +202,7 @@ def read_policy(folder: Path) -> PolicyRun:
         assert isinstance(plant, dict)
         return PolicyRun(
             folder=folder,
-            method=method_of(plant),
+            method=find_method(plant),
             seed=int(str(config["seed"])),
             environment=str(plant["environment"]),
             frames=int(progress["frames"][-1]),
@@ -212,7 +214,7 @@ def read_policy(folder: Path) -> PolicyRun:
         raise CheckpointError(f"{folder} is a damaged policy ({error!r}); train it again.") from None
 
 
-def method_of(plant: Mapping[str, object]) -> str:
+def find_method(plant: Mapping[str, object]) -> str:
     """Return what a policy learned on, given its plant as its configuration holds it."""
     model, named = plant.get("model"), "retuned" in plant
     if named:
@@ -222,6 +224,6 @@ def method_of(plant: Mapping[str, object]) -> str:
     return SOURCE_METHOD if plant["dynamics"] == "source" else EXPERT_METHOD
 
 
-def scores(runs: Sequence[PolicyRun], name: str = "mean_return") -> np.ndarray:
+def collect_scores(runs: Sequence[PolicyRun], name: str = "mean_return") -> np.ndarray:
     """Return one entry of `PolicyScore` for each evaluated policy, shape (policies,)."""
     return np.array([getattr(run.judged, name) for run in runs if run.judged is not None])

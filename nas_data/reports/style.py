@@ -71,7 +71,7 @@ def house_style() -> Iterator[None]:
         yield
 
 
-def strokes(names: Sequence[str]) -> dict[str, Stroke]:
+def choose_strokes(names: Sequence[str]) -> dict[str, Stroke]:
     """Return how each of some names is drawn; names without a stroke of their own get the spare colours in turn."""
     unknown = [name for name in names if name not in STROKES]
     spare = {name: Stroke(OTHERS[number % len(OTHERS)]) for number, name in enumerate(unknown)}
@@ -85,7 +85,7 @@ def make_logarithmic(axes: Axes) -> None:
     axes.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
 
 
-def legend_above(figure: Figure, axes: Axes, columns: int = 6) -> None:
+def place_legend_above(figure: Figure, axes: Axes, columns: int = 6) -> None:
     """Put the legend of some axes above the figure, where it hides nothing, in so many columns at most."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper left", ncols=min(columns, len(labels)), handlelength=2.4)

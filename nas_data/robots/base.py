@@ -14,12 +14,12 @@ import mujoco
 
 from nas_data import registry
 from nas_data.errors import ModelFileError, UnknownName
-from nas_data.mjcf.actuator_lookup import driven_joint
+from nas_data.mjcf.actuator_lookup import find_driven_joint
 from nas_data.mjcf.check_angle_units import check_angle_units
-from nas_data.mjcf.default_servos import add_position_servos, add_torque_motors, motor_joints
+from nas_data.mjcf.default_servos import add_position_servos, add_torque_motors, find_motor_joints
 from nas_data.mjcf.engine_warnings import collect_warnings, print_warnings
 from nas_data.mjcf.floating_base import find_floating_bases, fix_bases
-from nas_data.visible_files import visible
+from nas_data.visible_files import list_visible_files
 from nas_data.warn_once import say_once
 
 FOLDER = Path(__file__).parent
@@ -108,7 +108,7 @@ def _parse(path: Path) -> mujoco.MjSpec:
 
 def _suggest_models(folder: Path) -> str:
     """Return a phrase with a model file of a folder; empty if there is none."""
-    files = [file.name for file in visible(folder) if file.suffix in (*KNOWN, ".mjcf")]
+    files = [file.name for file in list_visible_files(folder) if file.suffix in (*KNOWN, ".mjcf")]
     return f" in it, such as {folder / files[0]}" if files else ""
 
 
@@ -128,13 +128,13 @@ def _locate_nan(path: Path) -> str:
     return f" (line {found[0]})" if found else ""
 
 
-def actuated_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
+def list_actuated_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
     """Return the names of the joints that actuators drive, in the order of the actuators."""
-    driven = (driven_joint(spec, actuator) for actuator in spec.actuators)
+    driven = (find_driven_joint(spec, actuator) for actuator in spec.actuators)
     return tuple(joint for joint in driven if joint is not None)
 
 
-def deepest_joint(spec: mujoco.MjSpec, joints: Sequence[str]) -> str:
+def find_deepest_joint(spec: mujoco.MjSpec, joints: Sequence[str]) -> str:
     """Return the joint with the most bodies between it and the world; of several, the last in `joints`."""
 
     def depth(joint: str) -> int:
@@ -157,14 +157,14 @@ def note_fixed_bases(path: Path, bases: tuple[str, ...]) -> None:
     )
 
 
-def slide_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
+def list_slide_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
     """Return the names of the slides."""
     return tuple(joint.name for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_SLIDE)
 
 
-def robot_names() -> tuple[str, ...]:
+def list_robot_names() -> tuple[str, ...]:
     """Return the names of the included robots: Python files, and models with their own constants."""
-    return tuple(sorted({*registry.names("robots"), *(path.stem for path in visible(FOLDER, "*.xml"))}))
+    return tuple(sorted({*registry.list_names("robots"), *(path.stem for path in list_visible_files(FOLDER, "*.xml"))}))
 
 
 class RobotConstants(TypedDict, total=False):
@@ -222,12 +222,12 @@ def find_robot(name_or_path: str | Path) -> Robot:
         ModelFileError: the file is no valid model, or `:torque` is given for a model with actuators.
     """
     given = str(name_or_path).removesuffix(TORQUES)
-    path, named = Path(given), given in robot_names()
+    path, named = Path(given), given in list_robot_names()
     add_actuators = add_position_servos if given == str(name_or_path) else add_torque_motors
     if add_actuators is add_torque_motors and path.suffix != URDF:
         raise ModelFileError(f"{given} says itself what moves its joints; leave out --actuators, which is for a URDF.")
-    if named and given in registry.names("robots") and not path.is_file():
-        return registry.module("robots", given, "robot").ROBOT
+    if named and given in registry.list_names("robots") and not path.is_file():
+        return registry.import_plugin("robots", given, "robot").ROBOT
     if named and not path.is_file():
         path = FOLDER / f"{given}.xml"
     if path.suffix or path.is_file() or path.is_dir():
@@ -235,13 +235,13 @@ def find_robot(name_or_path: str | Path) -> Robot:
         own = read_constants(spec, path)
         for doubt in check_angle_units(path, spec.compile(), bool(spec.compiler.degree)):
             say_once(doubt)
-        if path.suffix == URDF and (joints := motor_joints(spec)):
+        if path.suffix == URDF and (joints := find_motor_joints(spec)):
             return Robot(name=path.stem, mjcf=path, joints=joints, edit=add_actuators, **own)
-        joints = actuated_joints(spec)
+        joints = list_actuated_joints(spec)
         if not joints:
             raise ModelFileError(f"{path} has no actuator that drives a joint; add <position joint=…> actuators.")
         if bases := find_floating_bases(spec):
             note_fixed_bases(path, bases)
             return Robot(name=path.stem, mjcf=path, joints=joints, edit=fix_bases, bases=bases, **own)
         return Robot(name=path.stem, mjcf=path, joints=joints, **own)
-    raise UnknownName("robot", given, robot_names())
+    raise UnknownName("robot", given, list_robot_names())

@@ -20,7 +20,7 @@ CHOOSING = ("envs.loop.dynamics_spec", "simulators.engines")
 BLOCKS = ("body", "orelse", "handlers", "finalbody", "cases")  # fields of a statement that hold statements
 
 
-def code_hash(*modules: str) -> str:
+def hash_code(*modules: str) -> str:
     """Return a hash of modules of this package and of everything they import, at module level or inside functions.
 
     Comments, docstrings and layout do not count. Everything else does, names of private functions included.
@@ -44,7 +44,7 @@ def code_hash(*modules: str) -> str:
 
 
 def collect(*modules: str) -> dict[str, str]:
-    """Return the hash of each module that `code_hash` counts, by name."""
+    """Return the hash of each module that `hash_code` counts, by name."""
     found, waiting = dict[str, str](), list(modules)
     while waiting:
         module = waiting.pop()
@@ -57,37 +57,37 @@ def collect(*modules: str) -> dict[str, str]:
 @cache
 def analyse_module(module: str) -> tuple[str, tuple[str, ...]]:
     """Return the hash of a single module, and the modules that it imports; cached at the first call."""
-    tree = ast.parse(source_of(module))
+    tree = ast.parse(read_source(module))
     chooses = module.removeprefix(f"{PACKAGE}.") in CHOOSING
-    followed = statements(tree, deep=not chooses)
-    imports = tuple(sorted({name for statement in followed for name in imported_modules(statement)}))
-    return hashlib.sha256(meaning(tree).encode()).hexdigest(), imports
+    followed = walk_statements(tree, deep=not chooses)
+    imports = tuple(sorted({name for statement in followed for name in find_imported_modules(statement)}))
+    return hashlib.sha256(normalise_code(tree).encode()).hexdigest(), imports
 
 
-def source_of(module: str) -> str:
+def read_source(module: str) -> str:
     """Return the source text of a module of this package."""
-    path = file_of(module)
+    path = find_file(module)
     assert path is not None, f"{module} is no module of {PACKAGE}"
     return path.read_text(encoding="utf-8")
 
 
-def file_of(module: str) -> Path | None:
+def find_file(module: str) -> Path | None:
     """Return a module's file; None if there is none."""
     place = ROOT.parent.joinpath(*module.split("."))
     return next((path for path in (place.with_suffix(".py"), place / "__init__.py") if path.is_file()), None)
 
 
-def meaning(node: object) -> str:
+def normalise_code(node: object) -> str:
     """Return code as text without comments, docstrings and layout, independent of the Python version."""
     if isinstance(node, list):
-        return ",".join([meaning(part) for part in node if not is_text(part)])
+        return ",".join([normalise_code(part) for part in node if not is_text(part)])
     if not isinstance(node, ast.AST):
         return repr(node)
     if isinstance(node, ast.JoinedStr):  # its empty parts come and go between versions
         node = ast.JoinedStr([part for part in node.values if getattr(part, "value", None) != ""])
     # Newer versions of Python know more fields, which older code leaves empty.
     parts = [(name, getattr(node, name, None)) for name in node._fields if name != "ctx"]
-    told = [f"{name}={meaning(part)}" for name, part in parts if part is not None and part != []]
+    told = [f"{name}={normalise_code(part)}" for name, part in parts if part is not None and part != []]
     return f"{type(node).__name__}({' '.join(told)})"
 
 
@@ -96,7 +96,7 @@ def is_text(node: object) -> bool:
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
 
-def statements(node: ast.AST, deep: bool) -> Iterator[ast.stmt]:
+def walk_statements(node: ast.AST, deep: bool) -> Iterator[ast.stmt]:
     """Yield the statements inside a part of the code, without those for type checkers.
 
     Args:
@@ -109,16 +109,16 @@ def statements(node: ast.AST, deep: bool) -> Iterator[ast.stmt]:
             if isinstance(part, ast.stmt):
                 yield part
             if deep or not isinstance(part, ast.FunctionDef | ast.AsyncFunctionDef):
-                yield from statements(part, deep)
+                yield from walk_statements(part, deep)
 
 
-def imported_modules(statement: ast.stmt) -> Iterator[str]:
+def find_imported_modules(statement: ast.stmt) -> Iterator[str]:
     """Yield the modules of this package that a statement imports, except those in `APART`."""
     if isinstance(statement, ast.Import):
         names = [name.name for name in statement.names]
     elif isinstance(statement, ast.ImportFrom) and statement.module:
         inner = [f"{statement.module}.{name.name}" for name in statement.names]
-        names = [name if is_ours(name) and file_of(name) else statement.module for name in inner]
+        names = [name if is_ours(name) and find_file(name) else statement.module for name in inner]
     else:
         return
     for name in names:
@@ -132,16 +132,16 @@ def is_ours(module: str) -> bool:
     return module.split(".")[0] == PACKAGE
 
 
-def gap_modules() -> tuple[str, ...]:
+def list_gap_modules() -> tuple[str, ...]:
     """Return the modules that determine a gap report: the workflow, every effect, and every audit of recordings."""
-    return ("nas_data.gap.workflow", *effect_modules(), *files("gap.finding.audits"))
+    return ("nas_data.gap.workflow", *list_effect_modules(), *list_plugin_modules("gap.finding.audits"))
 
 
-def effect_modules() -> tuple[str, ...]:
+def list_effect_modules() -> tuple[str, ...]:
     """Return the modules of all effects."""
-    return files("effects")
+    return list_plugin_modules("effects")
 
 
-def files(folder: str) -> tuple[str, ...]:
+def list_plugin_modules(folder: str) -> tuple[str, ...]:
     """Return the modules of a plug-in folder."""
-    return tuple(f"nas_data.{folder}.{name}" for name in registry.names(folder))
+    return tuple(f"nas_data.{folder}.{name}" for name in registry.list_names(folder))

@@ -89,11 +89,11 @@ def run_all(
     if pool is None and workers <= 1:
         while (number := next_ready()) is not None:
             waiting.remove(number)
-            future = done_here(function, jobs[number])
+            future = run_here(function, jobs[number])
             yield number, future
             done.update([number] if future.exception() is None else [])
         return
-    executor = (pool or processes)(workers)
+    executor = (pool or make_process_pool)(workers)
     running: dict[Future[Result], int] = {}
     try:
         while True:
@@ -111,13 +111,13 @@ def run_all(
         executor.shutdown(wait=False, cancel_futures=True)
 
 
-def processes(workers: int) -> Executor:
+def make_process_pool(workers: int) -> Executor:
     """Return a pool of single-threaded processes."""
     context = multiprocessing.get_context("spawn")  # a fork would inherit locks of torch's and MuJoCo's threads
     return ProcessPoolExecutor(workers, mp_context=context, initializer=prepare_worker)
 
 
-def done_here(function: Callable[[Job], Result], job: Job) -> Future[Result]:
+def run_here(function: Callable[[Job], Result], job: Job) -> Future[Result]:
     """Run a job in this process, and return its future."""
     future: Future[Result] = Future()
     try:

@@ -24,7 +24,7 @@ def silence(_: str) -> None:
     """Report nothing."""
 
 
-def spoken(seconds: float) -> str:
+def format_duration(seconds: float) -> str:
     """Return a duration as text."""
     if seconds < 90:
         return f"{seconds:.0f} s"

@@ -9,9 +9,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Generic, Protocol, TypeVar
 
-from nas_data.dataset.provenance import now
+from nas_data.dataset.provenance import format_current_time
 from nas_data.errors import OutputExists
-from nas_data.runs.environment_info import commit
+from nas_data.runs.environment_info import find_commit
 from nas_data.runs.progress import Report
 from nas_data.whole_file import write_whole
 
@@ -128,7 +128,7 @@ def run_stages(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> dict[str, Don
     for number, stage in enumerate(stages, start=1):
         head = f"[{number}/{len(stages)}] {stage.title}"
         if stage.name in missing:
-            work.report(introduction(head, stage))
+            work.report(format_introduction(head, stage))
             done = do(stage, work)
             for line in (*done.said, f"took {done.seconds:.0f} s"):
                 work.report(f"{INDENT}{line}".rstrip())
@@ -155,7 +155,7 @@ def begin(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> set[str]:
     return missing
 
 
-def introduction(head: str, stage: Stage[Plan]) -> str:
+def format_introduction(head: str, stage: Stage[Plan]) -> str:
     """Return the message for the start of a stage."""
     return "\n".join([head, textwrap.fill(stage.does, WIDTH, initial_indent=INDENT, subsequent_indent=INDENT)])
 
@@ -208,15 +208,15 @@ def check_code(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> None:
 
 def do(stage: Stage[Plan], work: Work[Plan]) -> Done:
     """Run a stage and store its result."""
-    began, cpu = time.monotonic(), cpu_seconds()
+    began, cpu = time.monotonic(), measure_cpu_seconds()
     code = "" if stage.code is None else stage.code(work.plan)
     found = stage.work(work)
     done = Done(
         seconds=round(time.monotonic() - began, 2),
-        cpu_seconds=round(cpu_seconds() - cpu, 2),
+        cpu_seconds=round(measure_cpu_seconds() - cpu, 2),
         code=code,
-        commit=commit(),
-        when=now(),
+        commit=find_commit(),
+        when=format_current_time(),
         load=round(os.getloadavg()[0], 1),
         said=tuple(found.said),
         data=found.data,
@@ -226,7 +226,7 @@ def do(stage: Stage[Plan], work: Work[Plan]) -> Done:
     return done
 
 
-def cpu_seconds() -> float:
+def measure_cpu_seconds() -> float:
     """Return the processor time of this process and of its finished child processes [s]."""
     return sum(os.times()[:4])
 

@@ -15,7 +15,7 @@ from nas_data.runs.stages import (
     begin,
     describe_kept,
     do,
-    introduction,
+    format_introduction,
     read_stage,
     run_stages,
 )
@@ -61,11 +61,11 @@ def run_side_by_side(
         if stage.name not in missing:
             work.report(f"{stage.title}: {describe_kept(read_stage(stage.name, work.folder))}")
     parts = [Part(stage.name, work.plan, work.folder, work.name) for stage in stages if stage.name in missing]
-    for _ in run_jobs(do_one, parts, workers, prerequisites([stage for stage in stages if stage.name in missing])):
+    for _ in run_jobs(do_one, parts, workers, find_prerequisites([stage for stage in stages if stage.name in missing])):
         pass
 
 
-def prerequisites(stages: Sequence[Stage[Plan]]) -> Mapping[int, Sequence[int]]:
+def find_prerequisites(stages: Sequence[Stage[Plan]]) -> Mapping[int, Sequence[int]]:
     """Return the indices of the earlier stages that each stage depends on, by index."""
     return {
         place: [
@@ -80,7 +80,7 @@ def prerequisites(stages: Sequence[Stage[Plan]]) -> Mapping[int, Sequence[int]]:
 def do_part(stage: Stage[Plan], part: Part[Plan]) -> None:
     """Run a stage with one thread; print its title and result on stderr, each with its name."""
     work = Work(part.plan, part.folder, say, part.name, threads=1)
-    work.report(introduction(stage.title, stage))
+    work.report(format_introduction(stage.title, stage))
     done = do(stage, work)
     lines = [f"{stage.title}: took {done.seconds:.0f} s", *(f"{INDENT}{line}" for line in done.said)]
     work.report("\n".join(lines))

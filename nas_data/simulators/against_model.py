@@ -15,10 +15,10 @@ import numpy as np
 from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.dataset import Dataset
 from nas_data.errors import JointMismatch
-from nas_data.joint_units import kinds_of, radians_at
+from nas_data.joint_units import compute_angle_scales, group_by_kind
 from nas_data.robots.base import find_robot
 
-# For slides the lengths below are multiplied by the equivalent of a radian; see `radian_at`.
+# For slides the lengths below are multiplied by the equivalent of a radian; see `find_radian_equivalent`.
 MARGIN = 0.1  # [rad] tolerated difference between the calibration of a real arm and its model
 CENTRE_MARGIN = 0.35  # [rad] tolerated difference between the middles of their ranges: 20°
 STILL = 0.02  # [rad/s] and [rad per row] below which a servo holds its position
@@ -63,11 +63,13 @@ def check(
             f"{model} has no joint '{missing[0]}'; it has: {', '.join(names)}. Name the joints in 'joints' of the map "
             "as the model does, or give the model of this robot."
         )
-    found = [finding for joint in joints for finding in _kind(dataset, compiled, joint)]
+    found = [finding for joint in joints for finding in _check_kind(dataset, compiled, joint)]
     if any(finding.check in MAP_ERRORS for finding in known):
         return found
-    found += [finding for joint in joints for finding in _limits(dataset, compiled, joint)]
-    found += [finding for joint in joints for finding in _middle(dataset, compiled, joint, (middles or {}).get(joint))]
+    found += [finding for joint in joints for finding in _check_limits(dataset, compiled, joint)]
+    found += [
+        finding for joint in joints for finding in _check_middle(dataset, compiled, joint, (middles or {}).get(joint))
+    ]
     if not dataset.commands_positions:
         return found
     resting = _RestingRows.of(dataset, compiled)
@@ -76,15 +78,15 @@ def check(
     return found
 
 
-def radian_at(dataset: Dataset, model: mujoco.MjModel, joint: str) -> float:
+def find_radian_equivalent(dataset: Dataset, model: mujoco.MjModel, joint: str) -> float:
     """Return the travel that counts as one radian: 1 for a hinge, a share of its range [m] for a slide."""
     index = model.joint(joint).id
     travel = np.ptp(dataset.states[:, dataset.joints.index(joint)])
     reach = np.ptp(model.jnt_range[index]) if model.jnt_limited[index] else travel
-    return float(radians_at([joint], dataset.slides, np.array([reach]))[0])
+    return float(compute_angle_scales([joint], dataset.slides, np.array([reach]))[0])
 
 
-def _kind(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[AuditFinding]:
+def _check_kind(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[AuditFinding]:
     """Report a slide that was read as an angle, or a hinge that was read as a length."""
     turns = int(model.jnt_type[model.joint(joint).id]) == HINGE
     if turns != (joint in dataset.slides):
@@ -92,22 +94,22 @@ def _kind(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[AuditFind
     read, is_one, units = ("a length", "hinge", "rad, deg") if turns else ("an angle", "slide", "m, cm, mm")
     what = f"{joint} was read as {read}, and is a {is_one}"
     remedy = f"give it {'an angle' if turns else 'a length'} for a unit in the map ({units})"
-    return [_doubt("model_kind", f"{what} in the model", remedy)]
+    return [_make_finding("model_kind", f"{what} in the model", remedy)]
 
 
-def _doubt(check: str, what: str, remedy: str) -> AuditFinding:
+def _make_finding(check: str, what: str, remedy: str) -> AuditFinding:
     """Return what speaks against a dataset as the model's."""
     return AuditFinding(check, "the dataset", what, remedy)
 
 
-def _limits(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[AuditFinding]:
+def _check_limits(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[AuditFinding]:
     """Report a joint that leaves its model's range, and whether another sign, zero or column would fit."""
-    if _fits(dataset, model, joint, joint):
+    if _is_within_range(dataset, model, joint, joint):
         return []
     low, high = (float(end) for end in model.joint(joint).range)
     positions = dataset.states[:, dataset.joints.index(joint)].astype(float)
     first, last = float(positions.min()), float(positions.max())
-    margin = MARGIN * radian_at(dataset, model, joint)
+    margin = MARGIN * find_radian_equivalent(dataset, model, joint)
     if -last >= low - margin and -first <= high + margin:
         reason, remedy = "with the opposite sign it would not", f"check sign = -1 of {joint} in the map"
     elif last - first <= high - low + 2 * margin:
@@ -119,16 +121,16 @@ def _limits(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[AuditFi
         reason += f", nor would it and {other} if they were exchanged"
         remedy += f", or whether the map takes {joint} and {other} for one another"
     what = f"{joint} goes from {first:.3g} to {last:.3g}, beyond the model's range {low:.3g} … {high:.3g}; {reason}"
-    return [_doubt("model_limits", what, remedy)]
+    return [_make_finding("model_limits", what, remedy)]
 
 
-def _fits(dataset: Dataset, model: mujoco.MjModel, joint: str, read: str) -> bool:
+def _is_within_range(dataset: Dataset, model: mujoco.MjModel, joint: str, read: str) -> bool:
     """Whether the positions read for a joint lie within the model's range of this or another joint."""
     if not model.jnt_limited[model.joint(joint).id]:
         return True
     low, high = (float(end) for end in model.joint(joint).range)
     positions = dataset.states[:, dataset.joints.index(read)].astype(float)
-    margin = MARGIN * radian_at(dataset, model, joint)
+    margin = MARGIN * find_radian_equivalent(dataset, model, joint)
     return float(positions.min()) >= low - margin and float(positions.max()) <= high + margin
 
 
@@ -143,26 +145,26 @@ def _find_exchanged(dataset: Dataset, model: mujoco.MjModel, joint: str) -> str 
         for other in dataset.joints
         if other != joint
         and (other in dataset.slides) == (joint in dataset.slides)
-        and not _fits(dataset, model, other, other)
-        and _fits(dataset, model, joint, other)
-        and _fits(dataset, model, other, joint)
+        and not _is_within_range(dataset, model, other, other)
+        and _is_within_range(dataset, model, joint, other)
+        and _is_within_range(dataset, model, other, joint)
     ]
     return others[0] if len(others) == 1 else None
 
 
-def _middle(dataset: Dataset, model: mujoco.MjModel, joint: str, middle: float | None) -> list[AuditFinding]:
+def _check_middle(dataset: Dataset, model: mujoco.MjModel, joint: str, middle: float | None) -> list[AuditFinding]:
     """Report a joint whose calibrated range and model range have different middles."""
     if middle is None or not model.jnt_limited[model.joint(joint).id]:
         return []
     wanted = float(model.joint(joint).range.mean())
-    if abs(middle - wanted) <= CENTRE_MARGIN * radian_at(dataset, model, joint):
+    if abs(middle - wanted) <= CENTRE_MARGIN * find_radian_equivalent(dataset, model, joint):
         return []
     what = (
         f"the middle of the calibrated range of {joint}, where LeRobot says zero, is put at {middle:.3g}; that of the "
         f"model's range is {wanted:.3g}"
     )
     remedy = f"check 'offset' of {joint} in the map ({wanted:.3g} where the arm reaches as far as the model)"
-    return [_doubt("model_zero", what, remedy)]
+    return [_make_finding("model_zero", what, remedy)]
 
 
 def check_signs(dataset: Dataset, model: mujoco.MjModel) -> list[AuditFinding]:
@@ -176,8 +178,8 @@ def check_signs(dataset: Dataset, model: mujoco.MjModel) -> list[AuditFinding]:
     return [] if resting is None else resting.check_signs(dataset.joints)
 
 
-def _resting(dataset: Dataset, radians: np.ndarray) -> np.ndarray:
-    """Return the rows in which all servos hold their position; `radians` as in `radian_at`, shape (n,)."""
+def _find_resting_rows(dataset: Dataset, radians: np.ndarray) -> np.ndarray:
+    """Return the rows in which all servos hold their position; `radians` as in `find_radian_equivalent`, shape (n,)."""
     velocities = dataset.states[:, len(dataset.joints) :].astype(float)
     steps = np.abs(np.diff(dataset.commands, axis=0, prepend=dataset.commands[:1]))
     still = (np.abs(velocities) < STILL * radians).all(axis=1) & (steps < STILL * radians).all(axis=1)
@@ -209,22 +211,24 @@ class _RestingRows:
     @classmethod
     def of(cls, dataset: Dataset, model: mujoco.MjModel) -> "_RestingRows | None":
         """Compute the loads in the rows of a dataset in which it rests; None where these are too few."""
-        rows = _resting(dataset, np.array([radian_at(dataset, model, joint) for joint in dataset.joints]))
+        rows = _find_resting_rows(
+            dataset, np.array([find_radian_equivalent(dataset, model, joint) for joint in dataset.joints])
+        )
         if len(rows) < FEWEST:
             return None
         rows = rows[:: max(1, len(rows) // MOST)]
         qpos = np.array([model.joint(joint).qposadr[0] for joint in dataset.joints])
         dofs = np.array([model.joint(joint).dofadr[0] for joint in dataset.joints])
         positions = dataset.states[rows, : len(dataset.joints)].astype(float)
-        held, pull = dataset.commands[rows] - positions, gravity(model, qpos, dofs, positions)
+        held, pull = dataset.commands[rows] - positions, compute_gravity_torques(model, qpos, dofs, positions)
         own = np.abs(pull).max(axis=0)
         largest = np.empty(len(dataset.joints))
-        for _, members in kinds_of(dataset.joints, dataset.slides):
+        for _, members in group_by_kind(dataset.joints, dataset.slides):
             largest[members] = own[members].max(initial=0.0)
         loaded = []
         for index, joint in enumerate(dataset.joints):
             loaded_rows = np.abs(pull[:, index]) > max(SPREAD * own[index], CARRYING * largest[index])
-            step = TICK * radian_at(dataset, model, joint)
+            step = TICK * find_radian_equivalent(dataset, model, joint)
             if loaded_rows.sum() >= FEWEST and np.abs(held[loaded_rows, index]).mean() >= LOADED * step:
                 loaded.append(index)
         return cls(model, qpos, dofs, positions, held, pull, tuple(loaded))
@@ -244,7 +248,7 @@ class _RestingRows:
                     f"gravity pulls (correlation {correlations[index]:.2f})"
                 )
                 remedy = f"check sign and zero of {joints[index]} in the map"
-                found.append(_doubt("model_gravity", what, remedy))
+                found.append(_make_finding("model_gravity", what, remedy))
         return found
 
     def check_zeros(self, joints: Sequence[str]) -> list[AuditFinding]:
@@ -266,7 +270,7 @@ class _RestingRows:
             f"{joints[index]} stands {offset:+.2g} rad further"
         )
         remedy = f"check 'offset' or 'zero' of {joints[index]} in the map"
-        return [_doubt("model_gravity", what, remedy)]
+        return [_make_finding("model_gravity", what, remedy)]
 
     def misfit(self, pull: np.ndarray) -> float:
         """Return the mean share of the loaded joints' error variance that loads of shape (N, n) leave unexplained."""
@@ -279,10 +283,12 @@ class _RestingRows:
         """Return the loads after one joint is moved by an offset [rad], shape (N, n)."""
         positions = self.positions.copy()
         positions[:, index] += offset
-        return gravity(self.model, self.qpos, self.dofs, positions)
+        return compute_gravity_torques(self.model, self.qpos, self.dofs, positions)
 
 
-def gravity(model: mujoco.MjModel, qpos: np.ndarray, dofs: np.ndarray, positions: np.ndarray) -> np.ndarray:
+def compute_gravity_torques(
+    model: mujoco.MjModel, qpos: np.ndarray, dofs: np.ndarray, positions: np.ndarray
+) -> np.ndarray:
     """Return the gravity torque at each joint [N·m; N] in postures of shape (N, n), shape (N, n)."""
     data, pull = mujoco.MjData(model), np.empty(positions.shape)
     for number, row in enumerate(positions):

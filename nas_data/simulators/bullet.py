@@ -11,7 +11,7 @@ import numpy as np
 from nas_data.effects.base import Effect
 from nas_data.effects.edits.hook import StepForces
 from nas_data.errors import ModelFileError, SimulationDiverged
-from nas_data.mjcf.actuator_lookup import goal_joints
+from nas_data.mjcf.actuator_lookup import find_goal_joints
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.bullet_world import BulletWorld
 from nas_data.simulators.compiled import CompiledRobot
@@ -121,8 +121,8 @@ class BulletArm:
         self.world = BulletWorld(self.model)
         # MuJoCo simulates the servos at PyBullet's state: their torques, delays and setpoints
         self.servos = mujoco.MjData(self.model)
-        self.servo_model = without_constraints(self.model)
-        goals = goal_joints(self.model)
+        self.servo_model = copy_without_constraints(self.model)
+        goals = find_goal_joints(self.model)
         self.goal_qpos, self.goal_dof = self.model.jnt_qposadr[goals], self.model.jnt_dofadr[goals]
         forces = StepForces(
             force=self.servos.actuator_force[None],
@@ -198,7 +198,7 @@ class BulletArm:
         return self.servos.site_xpos[index].copy()
 
 
-def without_constraints(model: mujoco.MjModel) -> mujoco.MjModel:
+def copy_without_constraints(model: mujoco.MjModel) -> mujoco.MjModel:
     """Return a copy of a model without limits, friction and contacts, which PyBullet solves."""
     copied = copy.copy(model)
     copied.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
@@ -220,7 +220,7 @@ class BulletStepper:
     @property
     def states(self) -> np.ndarray:
         """Measured positions [rad] then velocities [rad/s], shape (B, 2n); NaN where a simulation diverged."""
-        return np.stack([self._nan_if_diverged(arm.measure) for arm in self._arms])
+        return np.stack([self._compute_or_nan(arm.measure) for arm in self._arms])
 
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
         """Reset simulations; see `Stepper.reset`."""
@@ -247,7 +247,7 @@ class BulletStepper:
         layout = self.simulator.layout
         self._controls[:, layout.control] = layout.inputs.from_commands(commands)
         pairs = zip(self._arms, self._controls, strict=True)
-        return np.stack([self._nan_if_diverged(arm.step, controls) for arm, controls in pairs])
+        return np.stack([self._compute_or_nan(arm.step, controls) for arm, controls in pairs])
 
     def set_states(self, states: np.ndarray) -> None:
         """Move the servos so that the measured state becomes `states`; hidden joints, such as play, keep theirs."""
@@ -255,7 +255,7 @@ class BulletStepper:
             if np.isfinite(change).all():
                 arm.shift(change)
 
-    def _nan_if_diverged(self, compute: Callable[..., np.ndarray], *controls: np.ndarray) -> np.ndarray:
+    def _compute_or_nan(self, compute: Callable[..., np.ndarray], *controls: np.ndarray) -> np.ndarray:
         """Return a state (2n,), or NaN if this simulation diverged, so that the other simulations continue."""
         try:
             return compute(*controls)

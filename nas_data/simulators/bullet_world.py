@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from nas_data.errors import MissingPackage, ModelFileError
-from nas_data.simulators.urdf import ROTOR, joint_name, link_name, to_urdf
+from nas_data.simulators.urdf import ROTOR, find_joint_name, link_name, to_urdf
 
 SOFT = 0.5  # a constraint with a smaller impedance (solimp dmin) counts as soft; MuJoCo's default is 0.9
 RIGID = 1e9  # [N·m] largest torque of a gear, so that none slips
@@ -136,8 +136,8 @@ class BulletWorld:
         )
         export = to_urdf(model)
         self.robot = self._load_urdf(export.text)
-        indices = self._joint_indices()
-        names = [joint_name(model, joint) for joint in export.joints]
+        indices = self._map_joint_indices()
+        names = [find_joint_name(model, joint) for joint in export.joints]
         self.joints = [indices[name] for name in names]
         self.geared = np.array(export.rotors, dtype=int)
         self.rotors = [indices[names[joint] + ROTOR] for joint in export.rotors]
@@ -169,7 +169,7 @@ class BulletWorld:
                 )
             )
 
-    def _joint_indices(self) -> dict[str, int]:
+    def _map_joint_indices(self) -> dict[str, int]:
         count = self.bullet.getNumJoints(self.robot, physicsClientId=self.client)
         infos = [self.bullet.getJointInfo(self.robot, index, physicsClientId=self.client) for index in range(count)]
         return {info[1].decode(): info[0] for info in infos} | {f"link:{info[12].decode()}": info[0] for info in infos}
@@ -232,12 +232,12 @@ class BulletWorld:
         links = {body: -1 if body == 0 else indices[f"link:{link_name(model, body)}"] for body in range(model.nbody)}
         for first in range(model.nbody):
             for second in range(first + 1, model.nbody):
-                self._set_collision(self.robot, links[first], links[second], may_collide(model, first, second))
+                self._set_collision(self.robot, links[first], links[second], can_collide(model, first, second))
         for geom, plane in self.planes:
             for body in range(model.nbody):
                 enabled = (
                     body > 0
-                    and any(bits_match(model, geom, other) for other in geoms_of(model, body))
+                    and any(has_matching_contact_bits(model, geom, other) for other in list_geoms(model, body))
                     and model.body_weldid[body] != 0
                 )
                 self._set_collision(plane, -1, links[body], enabled)
@@ -271,12 +271,12 @@ def refuse_unsupported(model: mujoco.MjModel) -> None:
         raise ModelFileError(f"The model has {' and '.join(found)}, which PyBullet is not given; use --engine mujoco.")
 
 
-def geoms_of(model: mujoco.MjModel, body: int) -> range:
+def list_geoms(model: mujoco.MjModel, body: int) -> range:
     """Return the indices of a body's geoms."""
     return range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body])
 
 
-def bits_match(model: mujoco.MjModel, first: int, second: int) -> bool:
+def has_matching_contact_bits(model: mujoco.MjModel, first: int, second: int) -> bool:
     """Whether contact types and affinities of two geoms match."""
     return bool(
         (model.geom_contype[first] & model.geom_conaffinity[second])
@@ -284,12 +284,14 @@ def bits_match(model: mujoco.MjModel, first: int, second: int) -> bool:
     )
 
 
-def may_collide(model: mujoco.MjModel, first: int, second: int) -> bool:
+def can_collide(model: mujoco.MjModel, first: int, second: int) -> bool:
     """Whether two bodies can collide in MuJoCo: they have matching geoms and are neither neighbours nor excluded."""
     welds = [int(model.body_weldid[body]) for body in (first, second)]
     parents = [int(model.body_weldid[model.body_parentid[weld]]) for weld in welds]
     neighbours = welds[0] == welds[1] or (welds[0] == parents[1] != 0) or (welds[1] == parents[0] != 0)
     signature = (first << 16) + second
     excluded = signature in set(model.exclude_signature.tolist())
-    matching = any(bits_match(model, a, b) for a in geoms_of(model, first) for b in geoms_of(model, second))
+    matching = any(
+        has_matching_contact_bits(model, a, b) for a in list_geoms(model, first) for b in list_geoms(model, second)
+    )
     return matching and not neighbours and not excluded

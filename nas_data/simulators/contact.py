@@ -14,7 +14,7 @@ def count_contacts(simulator: MujocoSimulator, positions: np.ndarray) -> np.ndar
     data = mujoco.MjData(simulator.model)
     counts = np.empty(len(positions), int)
     for row, pose in enumerate(positions):
-        _collide(simulator, data, pose)
+        _compute_contacts(simulator, data, pose)
         counts[row] = data.ncon
     return counts
 
@@ -28,14 +28,14 @@ def find_contacts(simulator: MujocoSimulator, pose: np.ndarray, data: mujoco.MjD
         data: Scratch data, to save the time of its creation; created if None.
     """
     data, found = mujoco.MjData(simulator.model) if data is None else data, ContactDistances()
-    _collide(simulator, data, pose)
+    _compute_contacts(simulator, data, pose)
     for contact in data.contact:
-        pair = (_body(simulator, contact.geom1), _body(simulator, contact.geom2))
+        pair = (_find_body_name(simulator, contact.geom1), _find_body_name(simulator, contact.geom2))
         found[pair] = min(found.get(pair, np.inf), float(contact.dist))
     return found
 
 
-def _collide(simulator: MujocoSimulator, data: mujoco.MjData, pose: np.ndarray) -> None:
+def _compute_contacts(simulator: MujocoSimulator, data: mujoco.MjData, pose: np.ndarray) -> None:
     """Compute the contacts of a pose [rad], shape (n,), in `data`."""
     data.qpos[simulator.layout.qpos] = pose
     mujoco.mj_kinematics(simulator.model, data)
@@ -43,7 +43,7 @@ def _collide(simulator: MujocoSimulator, data: mujoco.MjData, pose: np.ndarray) 
     mujoco.mj_collision(simulator.model, data)
 
 
-def _body(simulator: MujocoSimulator, geom: int) -> str:
+def _find_body_name(simulator: MujocoSimulator, geom: int) -> str:
     """Return the name of a geom's body; the geom's own name if that is the world."""
     body = int(simulator.model.geom_bodyid[geom])
     return str(simulator.model.body(body).name if body else simulator.model.geom(geom).name)

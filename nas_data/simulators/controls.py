@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 
 from nas_data.dataset.features import EFFORT, POSITION, VELOCITY
-from nas_data.effects.edits.servo import ALIKE, rest_shift
+from nas_data.effects.edits.servo import ALIKE, read_rest_shift
 from nas_data.errors import JointMismatch, ModelFileError
-from nas_data.mjcf.actuator_lookup import driving_actuators
+from nas_data.mjcf.actuator_lookup import find_driving_actuators
 
 POSITION_INPUT, VELOCITY_INPUT, FEEDFORWARD_INPUT = 1, 2, 4  # bits of MuJoCo's `mjtCtrlInput`
 UNSUPPORTED_INPUTS = {
@@ -102,11 +102,11 @@ def find_command(model: mujoco.MjModel, joint: int, name: str) -> tuple[int, Con
         ModelFileError: the command quantity of the joint's actuator is unknown.
     """
     found, reasons = [], []
-    for actuator in driving_actuators(model, joint).tolist():
+    for actuator in find_driving_actuators(model, joint).tolist():
         try:
-            found.append((actuator, joint_control(model, actuator, joint)))
+            found.append((actuator, find_joint_control(model, actuator, joint)))
         except UnknownControl as reason:
-            reasons.append(f"The actuator {actuator_label(model, actuator)} of {name} {reason}; {REMEDY}.")
+            reasons.append(f"The actuator {describe_actuator(model, actuator)} of {name} {reason}; {REMEDY}.")
     if found:
         return min(found, key=lambda pair: pair[1].kind != POSITION)
     if reasons:
@@ -117,7 +117,7 @@ def find_command(model: mujoco.MjModel, joint: int, name: str) -> tuple[int, Con
     )
 
 
-def actuator_label(model: mujoco.MjModel, actuator: int) -> str:
+def describe_actuator(model: mujoco.MjModel, actuator: int) -> str:
     """Return a phrase for error messages: an actuator's name, or its joint's if it has none."""
     if own := model.actuator(actuator).name:
         return f"'{own}'"
@@ -128,26 +128,26 @@ class UnknownControl(Exception):
     """The command quantity of an actuator is unknown; the message continues a sentence about the actuator."""
 
 
-def joint_control(model: mujoco.MjModel, actuator: int, joint: int) -> Control:
-    """Return the conversion for an actuator that drives a joint: `length_control` combined with the gear.
+def find_joint_control(model: mujoco.MjModel, actuator: int, joint: int) -> Control:
+    """Return the conversion for an actuator that drives a joint: `find_length_control` combined with the gear.
 
     Raises:
         UnknownControl: the control is no position, velocity or torque, or the gear is zero.
     """
-    shift = rest_shift(model, model.joint(joint).name)
-    control, gear = length_control(model, actuator, shift), float(model.actuator_gear[actuator, 0])
+    shift = read_rest_shift(model, model.joint(joint).name)
+    control, gear = find_length_control(model, actuator, shift), float(model.actuator_gear[actuator, 0])
     if not gear:
         raise UnknownControl("has a gear of 0, so that it moves nothing")
     return Control(control.kind, control.scale / gear if control.kind == EFFORT else control.scale * gear, control.zero)
 
 
-def length_control(model: mujoco.MjModel, actuator: int, shift: float | None = None) -> Control:
+def find_length_control(model: mujoco.MjModel, actuator: int, shift: float | None = None) -> Control:
     """Return the conversion for an actuator's first control, in terms of its transmission: length, speed or force.
 
     A servo gives force = k · control + b₀ + b₁ · length + b₂ · speed. Its target length is −k / b₁ · control. If k
     equals the feedback −b₁, the constant b₀ is an offset of the rest position. Otherwise the control has its own unit
     (0 … 255), and b₀ defines the zero of that unit, except for the part `shift` that an effect added (see
-    `rest_shift`). The target speed of a velocity servo is −k / b₂ · control. The control of an integrated position
+    `read_rest_shift`). The target speed of a velocity servo is −k / b₂ · control. The control of an integrated position
     servo is the speed of its setpoint.
 
     Args:
@@ -162,10 +162,10 @@ def length_control(model: mujoco.MjModel, actuator: int, shift: float | None = N
     inputs = int(model.actuator_ctrlspec[actuator])
     if unit := next((unit for bit, unit in UNSUPPORTED_INPUTS.items() if inputs & bit), None):
         raise UnknownControl(
-            f"({actuator_type(model, actuator)}) takes {unit} instead of a position, a velocity or a torque"
+            f"({find_actuator_type(model, actuator)}) takes {unit} instead of a position, a velocity or a torque"
         )
     if gain_type in CONTROLLERS:
-        control = controller_input(inputs)
+        control = find_controller_input(inputs)
         if shift is None or control.kind != POSITION:
             return control
         constant, slope = model.actuator_biasprm[actuator, :2].tolist()
@@ -174,34 +174,34 @@ def length_control(model: mujoco.MjModel, actuator: int, shift: float | None = N
     gain = float(model.actuator_gainprm[actuator, 0])
     if not is_linear(model, actuator) or not gain or bias[1] > 0 or bias[2] > 0:
         raise UnknownControl(
-            f"({actuator_type(model, actuator)}) has a control that is no position, velocity or torque"
+            f"({find_actuator_type(model, actuator)}) has a control that is no position, velocity or torque"
         )
     if bias[1] < 0:
         scale = -float(bias[1]) / gain
         if dynamics == int(mujoco.mjtDyn.mjDYN_INTEGRATOR):
-            return Control(VELOCITY, 1.0 if nearly_equal(scale, 1) else scale)
-        if nearly_equal(scale, 1):
+            return Control(VELOCITY, 1.0 if is_nearly_equal(scale, 1) else scale)
+        if is_nearly_equal(scale, 1):
             return Control(POSITION, 1.0)
         return Control(POSITION, scale, ((shift or 0.0) - float(bias[0])) / gain)
     if dynamics == int(mujoco.mjtDyn.mjDYN_INTEGRATOR):
         raise UnknownControl("(integrator) takes the rate of a force instead of a position, a velocity or a torque")
-    if inputs & VELOCITY_INPUT or (bias[2] < 0 and nearly_equal(gain, -float(bias[2]))):
+    if inputs & VELOCITY_INPUT or (bias[2] < 0 and is_nearly_equal(gain, -float(bias[2]))):
         return Control(VELOCITY, -float(bias[2]) / gain)
-    if bias[2] and not nearly_equal(gain, 1):
+    if bias[2] and not is_nearly_equal(gain, 1):
         raise UnknownControl(
             "(general) has a gain beside velocity feedback: its control may be a torque, a speed or volts"
         )
     return Control(EFFORT, 1 / gain)
 
 
-def length_feedback(model: mujoco.MjModel, actuator: int) -> float:
+def read_length_feedback(model: mujoco.MjModel, actuator: int) -> float:
     """Return an actuator's force per length error; 0 without position feedback."""
     if int(model.actuator_gaintype[actuator]) == int(mujoco.mjtGain.mjGAIN_DCMOTOR):
         return float(model.actuator_gainprm[actuator, CONTROLLER_GAIN])
     return -float(model.actuator_biasprm[actuator, 1])
 
 
-def controller_input(inputs: int) -> Control:
+def find_controller_input(inputs: int) -> Control:
     """Return the conversion for the first input of a `pid`, or of a `dcmotor` with a controller; others stay at 0.
 
     Raises:
@@ -227,7 +227,7 @@ def is_linear(model: mujoco.MjModel, actuator: int) -> bool:
     return bool(fixed and linear and int(model.actuator_dyntype[actuator]) in simple)
 
 
-def actuator_type(model: mujoco.MjModel, actuator: int) -> str:
+def find_actuator_type(model: mujoco.MjModel, actuator: int) -> str:
     """Return the MJCF element of an actuator, as far as the compiled model shows it."""
     if model.actuator_plugin[actuator] >= 0:
         return "plugin"
@@ -241,7 +241,7 @@ def actuator_type(model: mujoco.MjModel, actuator: int) -> str:
     return gain.name.removeprefix("mjGAIN_").lower()
 
 
-def nearly_equal(one: float, other: float) -> bool:
+def is_nearly_equal(one: float, other: float) -> bool:
     """Whether two gains are equal up to rounding in a file."""
     return abs(one - other) <= ALIKE * abs(other)
 

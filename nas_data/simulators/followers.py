@@ -76,7 +76,7 @@ class Followers:
         equalities = keep_equalities(model)
         joint_space = is_joint_space(model)
         evaluate = evaluate_in_joint_space if joint_space else evaluate_with_kinematics
-        _, jacobian = (values[0] for values in evaluate(equalities, generic_posture(equalities)[None]))
+        _, jacobian = (values[0] for values in evaluate(equalities, make_generic_posture(equalities)[None]))
         tied = np.abs(jacobian) > LEVER
         reached = np.zeros(model.nv, bool)
         trees = np.isin(model.dof_treeid, model.dof_treeid[measured])
@@ -93,7 +93,7 @@ class Followers:
         return cls(
             model=equalities,
             dofs=dofs,
-            qpos=np.concatenate([position_indices(model, int(joint)) for joint in joints]),
+            qpos=np.concatenate([find_position_indices(model, int(joint)) for joint in joints]),
             joints=joints,
             rows=np.flatnonzero(tied[:, dofs].any(axis=1)),
             joint_space=joint_space,
@@ -216,20 +216,20 @@ def keep_equalities(model: mujoco.MjModel) -> mujoco.MjModel:
     return copied
 
 
-def generic_posture(model: mujoco.MjModel) -> np.ndarray:
+def make_generic_posture(model: mujoco.MjModel) -> np.ndarray:
     """Return positions (nq,) a little off the reference posture."""
     qpos = model.qpos0.copy()
     mujoco.mj_integratePos(model, qpos, GENERIC * np.random.default_rng(0).normal(size=model.nv), 1.0)
     return qpos
 
 
-def position_indices(model: mujoco.MjModel, joint: int) -> np.ndarray:
+def find_position_indices(model: mujoco.MjModel, joint: int) -> np.ndarray:
     """Return the indices of a joint's positions in `qpos`."""
     width = {int(mujoco.mjtJoint.mjJNT_FREE): 7, int(mujoco.mjtJoint.mjJNT_BALL): 4}.get(int(model.jnt_type[joint]), 1)
     return int(model.jnt_qposadr[joint]) + np.arange(width)
 
 
-def fixed_tendons(model: mujoco.MjModel) -> bool:
+def has_only_fixed_tendons(model: mujoco.MjModel) -> bool:
     """Whether all tendons are fixed tendons, whose length is a weighted sum of joint positions."""
     return bool((model.wrap_type == int(mujoco.mjtWrap.mjWRAP_JOINT)).all())
 
@@ -237,7 +237,7 @@ def fixed_tendons(model: mujoco.MjModel) -> bool:
 def is_joint_space(model: mujoco.MjModel) -> bool:
     """Whether all active equality constraints are between joints or fixed tendons."""
     kinds = (int(mujoco.mjtEq.mjEQ_JOINT), int(mujoco.mjtEq.mjEQ_TENDON))
-    return bool(np.isin(model.eq_type[model.eq_active0.astype(bool)], kinds).all() and fixed_tendons(model))
+    return bool(np.isin(model.eq_type[model.eq_active0.astype(bool)], kinds).all() and has_only_fixed_tendons(model))
 
 
 def evaluate_with_kinematics(model: mujoco.MjModel, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

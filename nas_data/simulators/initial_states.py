@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from nas_data.mjcf.actuator_lookup import BAND, GAIN, GOAL
-from nas_data.simulators.controls import CONTROLLERS, length_feedback
+from nas_data.simulators.controls import CONTROLLERS, read_length_feedback
 from nas_data.simulators.layout import Layout
 from nas_data.simulators.rest_states import has_memory, settle_actuator
 
@@ -72,7 +72,7 @@ class SettledStates:
         self.stateful = [actuator for actuator in range(len(model.actuator_trntype)) if has_memory(model, actuator)]
         joints = range(len(layout.joints))
         self.hidden = [[a for a in np.flatnonzero(layout.position_map[i]) if a != layout.qpos[i]] for i in joints]
-        feedbacks = [feedback_parameters(model, int(actuator)) for actuator in layout.inputs.actuators]
+        feedbacks = [read_feedback_parameters(model, int(actuator)) for actuator in layout.inputs.actuators]
         self.stiffness, self.gear, gain, constant = np.array(feedbacks).reshape(-1, 4).T
         self.holding = layout.inputs.positional & (self.stiffness > 0)
         own = gain * layout.inputs.zero  # force that only defines the zero of the control's unit
@@ -203,9 +203,9 @@ class SettledStates:
         return commands
 
 
-def feedback_parameters(model: mujoco.MjModel, actuator: int) -> tuple[float, float, float, float]:
+def read_feedback_parameters(model: mujoco.MjModel, actuator: int) -> tuple[float, float, float, float]:
     """Return an actuator's force per length error, gear, force per control, and constant force."""
-    stiffness, gear = length_feedback(model, actuator), float(model.actuator_gear[actuator, 0])
+    stiffness, gear = read_length_feedback(model, actuator), float(model.actuator_gear[actuator, 0])
     is_controller = model.actuator_gaintype[actuator] in CONTROLLERS
     gain = stiffness if is_controller else float(model.actuator_gainprm[actuator, 0])
     return stiffness, gear, gain, float(model.actuator_biasprm[actuator, 0])

@@ -9,7 +9,7 @@ import numpy as np
 
 from nas_data.dataset.features import POSITION
 from nas_data.errors import JointMismatch, ModelFileError
-from nas_data.simulators.controls import Controls, UnknownControl, find_command, length_control
+from nas_data.simulators.controls import Controls, UnknownControl, find_command, find_length_control
 from nas_data.simulators.followers import Followers
 from nas_data.simulators.objects import Objects
 
@@ -57,11 +57,11 @@ class Layout:
             JointMismatch: the model lacks a joint, or no actuator drives it.
             ModelFileError: the command quantity of an actuator is unknown.
         """
-        indices = np.array([joint_index(model, joint, name) for joint in joints], dtype=int)
+        indices = np.array([find_joint_index(model, joint, name) for joint in joints], dtype=int)
         inputs = Controls.of(model, indices, name)
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
-        positions, velocities = measurement_maps(model, joints, indices)
+        positions, velocities = build_measurement_maps(model, joints, indices)
         dof = model.jnt_dofadr[indices].astype(int)
         followers = Followers.of(model, np.union1d(dof, np.flatnonzero(velocities.any(axis=0))))
         driven = indices if followers is None else np.concatenate([indices, followers.joints])
@@ -72,7 +72,7 @@ class Layout:
             inputs=inputs,
             position_map=positions,
             velocity_map=velocities,
-            reference=reference_controls(model, data),
+            reference=compute_reference_controls(model, data),
             followers=followers,
             objects=Objects.of(model, driven, inputs.actuators, data),
         )
@@ -108,7 +108,7 @@ class Layout:
         return controls
 
 
-def joint_index(model: mujoco.MjModel, joint: str, name: str) -> int:
+def find_joint_index(model: mujoco.MjModel, joint: str, name: str) -> int:
     """Return the index of a hinge or slide joint by its name.
 
     Raises:
@@ -123,12 +123,12 @@ def joint_index(model: mujoco.MjModel, joint: str, name: str) -> int:
     return index
 
 
-def actuator_index(model: mujoco.MjModel, joint: int, name: str) -> int:
+def find_actuator_index(model: mujoco.MjModel, joint: int, name: str) -> int:
     """Return the index of the actuator that commands a joint; errors as of `find_command`."""
     return find_command(model, joint, name)[0]
 
 
-def measurement_maps(
+def build_measurement_maps(
     model: mujoco.MjModel, joints: Sequence[str], indices: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the maps from qpos and qvel to the measured state, shapes (n, nq) and (n, nv).
@@ -139,13 +139,13 @@ def measurement_maps(
     positions = np.zeros((len(joints), model.nq))
     velocities = np.zeros((len(joints), model.nv))
     for row, (joint, index) in enumerate(zip(joints, indices, strict=True)):
-        for member, share in measured_joints(model, joint, int(index)):
+        for member, share in find_measured_joints(model, joint, int(index)):
             positions[row, model.jnt_qposadr[member]] += share
             velocities[row, model.jnt_dofadr[member]] += share
     return positions, velocities
 
 
-def measured_joints(model: mujoco.MjModel, joint: str, index: int) -> list[tuple[int, float]]:
+def find_measured_joints(model: mujoco.MjModel, joint: str, index: int) -> list[tuple[int, float]]:
     """Return the joints and weights whose weighted sum is measured under a joint's name.
 
     Raises:
@@ -164,7 +164,7 @@ def measured_joints(model: mujoco.MjModel, joint: str, index: int) -> list[tuple
     raise ModelFileError(f"The sensor '{joint}{POSITION}' must be the position of a joint or of a fixed tendon.")
 
 
-def reference_controls(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+def compute_reference_controls(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     """Return controls (nu,) that hold position actuators at the reference posture; the others are zero.
 
     Args:
@@ -174,7 +174,7 @@ def reference_controls(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray
     controls = np.zeros(model.nu)
     for actuator in np.flatnonzero(model.actuator_ctrlnum).tolist():
         with contextlib.suppress(UnknownControl):
-            control = length_control(model, actuator)
+            control = find_length_control(model, actuator)
             if control.kind == POSITION:
                 length = float(data.actuator_length[model.actuator_outadr[actuator]])
                 controls[model.actuator_ctrladr[actuator]] = control.scale * length + control.zero

@@ -7,10 +7,10 @@ import numpy as np
 
 from nas_data.dataset.features import EFFORT, POSITION
 from nas_data.errors import OptionError
-from nas_data.joint_units import radians_at
+from nas_data.joint_units import compute_angle_scales
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.controls import command_range, find_command
-from nas_data.simulators.layout import joint_index
+from nas_data.simulators.layout import find_joint_index
 
 UNLIMITED = np.pi / 2  # [rad] limit of a command signal for a hinge without limits in the model
 
@@ -33,7 +33,7 @@ def command_limits(model: mujoco.MjModel, joints: Sequence[str], name: str) -> t
     """
     low, high = np.full(len(joints), -np.inf), np.full(len(joints), np.inf)
     for row, joint in enumerate(joints):
-        index = joint_index(model, joint, name)
+        index = find_joint_index(model, joint, name)
         actuator, control = find_command(model, index, name)
         ranges = [command_range(model, actuator, control)]
         if model.jnt_limited[index] and control.kind == POSITION:
@@ -53,10 +53,10 @@ def command_radians(simulator: Simulator, low: np.ndarray, high: np.ndarray) -> 
     """
     kinds = zip(simulator.joints, simulator.kinds, strict=True)
     slides = [joint for joint, kind in kinds if kind == POSITION and joint in simulator.slides]
-    return radians_at(simulator.joints, slides, high - low)
+    return compute_angle_scales(simulator.joints, slides, high - low)
 
 
-def excitable_limits(
+def find_excitable_limits(
     low: np.ndarray, high: np.ndarray, joints: Sequence[str], kinds: Sequence[str], slides: Collection[str] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return finite limits for a command signal; a hinge without limits gets a quarter turn in each direction.

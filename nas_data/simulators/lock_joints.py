@@ -8,9 +8,9 @@ import numpy as np
 
 from nas_data.dataset.features import POSITION
 from nas_data.errors import ModelFileError
-from nas_data.mjcf.actuator_lookup import HELD, WIDEST_PLAY, goal_joints, pad_joints
-from nas_data.mjcf.unique_name import unique_name
-from nas_data.simulators.controls import UnknownControl, length_control, length_feedback
+from nas_data.mjcf.actuator_lookup import HELD, WIDEST_PLAY, find_goal_joints, find_pad_joints
+from nas_data.mjcf.unique_name import make_unique_name
+from nas_data.simulators.controls import UnknownControl, find_length_control, read_length_feedback
 from nas_data.simulators.layout import Layout
 
 RIGID = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp with MuJoCo's largest impedance
@@ -35,10 +35,14 @@ def lock_unmeasured_joints(
     """
     model = spec.copy().compile()
     layout = Layout.of(model, joints, name)
-    exempt, driven = exempt_joints(model, layout), find_actuated(model)
-    loose = sorted(set(scalar_joints(model)) - exempt, key=lambda joint: (joint not in driven, joint))
+    exempt, driven = find_exempt_joints(model, layout), find_actuated(model)
+    loose = sorted(set(find_scalar_joints(model)) - exempt, key=lambda joint: (joint not in driven, joint))
     dofs = model.jnt_dofadr[loose]
-    constraints = (*equality_rows(model), *servo_moments(model, commanded), *tendon_spring_moments(model))
+    constraints = (
+        *compute_equality_jacobian(model),
+        *compute_servo_moments(model, commanded),
+        *compute_tendon_spring_moments(model),
+    )
     known = [row[dofs] for row in constraints]
     names = []
     for joint, row in zip(loose, np.eye(len(loose)), strict=True):
@@ -94,8 +98,8 @@ def find_ancestors(model: mujoco.MjModel, body: int) -> set[int]:
 
 def lock(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> str:
     """Add a constraint that keeps a joint at its reference; return its name, which is generated if it has none."""
-    joint.name = joint.name or unique_name(spec.joint, "joint")
-    equality = spec.add_equality(name=unique_name(spec.equality, joint.name + HELD))
+    joint.name = joint.name or make_unique_name(spec.joint, "joint")
+    equality = spec.add_equality(name=make_unique_name(spec.equality, joint.name + HELD))
     equality.type, equality.objtype = mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtObj.mjOBJ_JOINT
     equality.name1, equality.active, equality.data = joint.name, True, np.zeros(len(equality.data))
     equality.solref, equality.solimp = [2 * spec.option.timestep, 1.0], RIGID
@@ -109,13 +113,13 @@ def rank(rows: list[np.ndarray]) -> int:
     return int(np.linalg.matrix_rank(np.array(units), tol=INDEPENDENT)) if units else 0
 
 
-def scalar_joints(model: mujoco.MjModel) -> list[int]:
+def find_scalar_joints(model: mujoco.MjModel) -> list[int]:
     """Return the hinges and slides; only these can be locked by a joint constraint."""
     kinds = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
     return [joint for joint in range(model.njnt) if int(model.jnt_type[joint]) in kinds]
 
 
-def exempt_joints(model: mujoco.MjModel, layout: Layout) -> set[int]:
+def find_exempt_joints(model: mujoco.MjModel, layout: Layout) -> set[int]:
     """Return the joints that need no lock.
 
     These are measured joints, objects, auxiliary joints of servos, joints with a spring or play, and ball and free
@@ -123,10 +127,10 @@ def exempt_joints(model: mujoco.MjModel, layout: Layout) -> set[int]:
     """
     addresses = [*np.flatnonzero(layout.position_map.any(axis=0)), *layout.qpos, *layout.objects.qpos]
     found = {joint for joint in range(model.njnt) if model.jnt_qposadr[joint] in addresses}
-    found |= set(goal_joints(model)) | set(pad_joints(model))
-    found |= set(range(model.njnt)) - set(scalar_joints(model))
+    found |= set(find_goal_joints(model)) | set(find_pad_joints(model))
+    found |= set(range(model.njnt)) - set(find_scalar_joints(model))
     found |= {joint for joint in range(model.njnt) if np.any(model.jnt_stiffness[joint] > 0)}
-    return found | {joint for joint in set(scalar_joints(model)) - find_actuated(model) if is_play(model, joint)}
+    return found | {joint for joint in set(find_scalar_joints(model)) - find_actuated(model) if is_play(model, joint)}
 
 
 def is_play(model: mujoco.MjModel, joint: int) -> bool:
@@ -138,32 +142,32 @@ def is_play(model: mujoco.MjModel, joint: int) -> bool:
 
 def find_actuated(model: mujoco.MjModel) -> set[int]:
     """Return the joints on which an actuator acts."""
-    acting = np.array([row for _, row in actuator_moments(model)]).reshape(-1, model.nv)
+    acting = np.array([row for _, row in compute_actuator_moments(model)]).reshape(-1, model.nv)
     return {int(model.dof_jntid[dof]) for dof in np.flatnonzero(acting.any(axis=0))}
 
 
-def servo_moments(model: mujoco.MjModel, commanded: bool) -> Iterator[np.ndarray]:
+def compute_servo_moments(model: mujoco.MjModel, commanded: bool) -> Iterator[np.ndarray]:
     """Yield the moments (nv,) of position servos: of all if commanded, else of those that control zero holds still."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    for actuator, row in actuator_moments(model):
-        feedback = length_feedback(model, actuator)
+    for actuator, row in compute_actuator_moments(model):
+        feedback = read_length_feedback(model, actuator)
         force = float(data.actuator_force[model.actuator_outadr[actuator]])
-        if holds_position(model, actuator) and (commanded or abs(force) <= STILL * feedback):
+        if is_position_servo(model, actuator) and (commanded or abs(force) <= STILL * feedback):
             yield row
 
 
-def holds_position(model: mujoco.MjModel, actuator: int) -> bool:
+def is_position_servo(model: mujoco.MjModel, actuator: int) -> bool:
     """Whether an actuator is a position servo."""
     try:
-        return bool(model.actuator_ctrlnum[actuator]) and length_control(model, actuator).kind == POSITION
+        return bool(model.actuator_ctrlnum[actuator]) and find_length_control(model, actuator).kind == POSITION
     except UnknownControl:
         return False
 
 
-def actuator_moments(model: mujoco.MjModel) -> Iterator[tuple[int, np.ndarray]]:
+def compute_actuator_moments(model: mujoco.MjModel) -> Iterator[tuple[int, np.ndarray]]:
     """Yield each actuator and its moment arms, shape (nv,), in a posture that is not singular."""
-    data = generic_posture(model)
+    data = make_generic_data(model)
     for actuator in range(model.nactuator):
         output, row = int(model.actuator_outadr[actuator]), np.zeros(model.nv)
         part = slice(data.moment_rowadr[output], data.moment_rowadr[output] + data.moment_rownnz[output])
@@ -171,16 +175,16 @@ def actuator_moments(model: mujoco.MjModel) -> Iterator[tuple[int, np.ndarray]]:
         yield actuator, row
 
 
-def equality_rows(model: mujoco.MjModel) -> list[np.ndarray]:
+def compute_equality_jacobian(model: mujoco.MjModel) -> list[np.ndarray]:
     """Return the Jacobian rows (nv,) of active equality constraints."""
-    data = generic_posture(model)
+    data = make_generic_data(model)
     rows = data.efc_J.reshape(-1, model.nv)[data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)]
     return [row.copy() for row in rows if row.any()]
 
 
-def tendon_spring_moments(model: mujoco.MjModel) -> Iterator[np.ndarray]:
+def compute_tendon_spring_moments(model: mujoco.MjModel) -> Iterator[np.ndarray]:
     """Yield the moment arms (nv,) of each tendon with stiffness."""
-    data = generic_posture(model)
+    data = make_generic_data(model)
     for tendon in range(model.ntendon):
         part = slice(model.ten_J_rowadr[tendon], model.ten_J_rowadr[tendon] + model.ten_J_rownnz[tendon])
         if np.any(model.tendon_stiffness[tendon] > 0):
@@ -189,12 +193,12 @@ def tendon_spring_moments(model: mujoco.MjModel) -> Iterator[np.ndarray]:
             yield row
 
 
-def generic_posture(model: mujoco.MjModel) -> mujoco.MjData:
+def make_generic_data(model: mujoco.MjModel) -> mujoco.MjData:
     """Return data near the reference posture, computed with dense Jacobians."""
     dense = copy.copy(model)
     dense.opt.jacobian = int(mujoco.mjtJacobian.mjJAC_DENSE)
     data = mujoco.MjData(dense)
-    addresses = model.jnt_qposadr[scalar_joints(model)]
+    addresses = model.jnt_qposadr[find_scalar_joints(model)]
     data.qpos[addresses] += GENERIC * np.random.default_rng(0).normal(size=len(addresses))
     mujoco.mj_forward(dense, data)
     return data

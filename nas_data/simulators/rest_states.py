@@ -47,13 +47,13 @@ class RestStates:
         self.base = rest_state(model, layout, np.zeros(len(layout.joints)), spec)
         unit = np.eye(len(layout.joints))
         self.slopes = np.stack([rest_state(model, layout, row, spec) - self.base for row in unit])
-        self.velocity = velocity_slice(model, spec)
+        self.velocity = find_velocity_slice(model, spec)
         self.position = self.velocity.start - model.nq
         self.reference = model.qpos0[layout.objects.qpos]
         servos = range(len(layout.objects.servos))
         self.object_slopes = [rest_state(model, layout, np.zeros(len(unit)), spec, i) - self.base for i in servos]
         first = mujoco.mj_stateSize(model, int(BEFORE_ACT))
-        self.setpoints = first + integrator_setpoints(model, layout)
+        self.setpoints = first + find_integrator_setpoints(model, layout)
 
     @property
     def carries_state(self) -> bool:
@@ -102,7 +102,7 @@ class RestStates:
         full[:, self.velocity.start + objects.dof] = states[:, count:]
 
 
-def velocity_slice(model: mujoco.MjModel, spec: int) -> slice:
+def find_velocity_slice(model: mujoco.MjModel, spec: int) -> slice:
     """Return the position of `qvel` in a state vector that also holds time and `qpos`."""
     before = spec & int(mujoco.mjtState.mjSTATE_TIME | mujoco.mjtState.mjSTATE_QPOS)
     start = mujoco.mj_stateSize(model, before)
@@ -160,7 +160,7 @@ def settle_actuator(model: mujoco.MjModel, data: mujoco.MjData, actuator: int) -
         data.act[model.actuator_actadr[actuator]] = feedback * length
 
 
-def integrator_setpoints(model: mujoco.MjModel, layout: Layout) -> np.ndarray:
+def find_integrator_setpoints(model: mujoco.MjModel, layout: Layout) -> np.ndarray:
     """Return the indices in `act` of setpoints whose speed is the joint's command, shape (servos,)."""
     driving = np.isin(model.actuator_ctrladr, layout.control) & (model.actuator_ctrlnum > 0)
     moving = model.actuator_dyntype == int(mujoco.mjtDyn.mjDYN_INTEGRATOR)

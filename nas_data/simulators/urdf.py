@@ -47,7 +47,7 @@ def to_urdf(model: mujoco.MjModel) -> UrdfExport:
     for body in range(1, model.nbody):
         anchors[body] = add_body(robot, model, body, anchors[int(model.body_parentid[body])])
     for joint in range(model.njnt):
-        if rotor_inertia(model, joint) > 0:
+        if compute_rotor_inertia(model, joint) > 0:
             add_rotor(robot, model, joint)
             rotors.append(joint)
     Xml.indent(robot)
@@ -64,7 +64,7 @@ def add_body(robot: Xml.Element, model: mujoco.MjModel, body: int, parent_anchor
     for joint in range(first, first + count):
         mujoco.mju_rotVecQuat(turned, model.jnt_pos[joint] - anchor, rotation)
         last = joint == first + count - 1
-        child = link_name(model, body) if last else f"{joint_name(model, joint)}_carrier"
+        child = link_name(model, body) if last else f"{find_joint_name(model, joint)}_carrier"
         add_joint(robot, model, joint, parent, child, position + turned, rotation)
         if not last:
             add_link(robot, child)
@@ -77,7 +77,7 @@ def add_body(robot: Xml.Element, model: mujoco.MjModel, body: int, parent_anchor
     return anchor
 
 
-def joint_name(model: mujoco.MjModel, joint: int) -> str:
+def find_joint_name(model: mujoco.MjModel, joint: int) -> str:
     """Return a joint's name; a unique one if the model gives none."""
     return model.joint(joint).name or f"joint_{joint}"
 
@@ -111,9 +111,9 @@ def add_link(
 def add_inertia(link: Xml.Element, mass: float, inertia: np.ndarray, centre: np.ndarray, rotation: np.ndarray) -> None:
     """Add mass [kg], principal inertia [kg m²], centre of mass [m] and the quaternion of the principal axes."""
     inertial = Xml.SubElement(link, "inertial")
-    inertial.append(origin(centre, rotation))
-    Xml.SubElement(inertial, "mass", value=number(mass))
-    moments = {key: number(value) for key, value in zip(("ixx", "iyy", "izz"), inertia, strict=True)}
+    inertial.append(make_origin(centre, rotation))
+    Xml.SubElement(inertial, "mass", value=format_number(mass))
+    moments = {key: format_number(value) for key, value in zip(("ixx", "iyy", "izz"), inertia, strict=True)}
     Xml.SubElement(inertial, "inertia", moments | {"ixy": "0", "ixz": "0", "iyz": "0"})
 
 
@@ -127,7 +127,7 @@ def add_joint(
     rotation: np.ndarray,
 ) -> None:
     """Add one hinge or slide, whose zero is the model's reference posture."""
-    name = joint_name(model, joint)
+    name = find_joint_name(model, joint)
     kinds = {int(mujoco.mjtJoint.mjJNT_HINGE): "revolute", int(mujoco.mjtJoint.mjJNT_SLIDE): "prismatic"}
     if int(model.jnt_type[joint]) not in kinds:
         raise ModelFileError(f"The joint '{name}' is neither hinge nor slide; URDF with PyBullet takes only those.")
@@ -137,22 +137,22 @@ def add_joint(
     element = Xml.SubElement(
         robot, "joint", name=name, type="continuous" if kind == "revolute" and not limited else kind
     )
-    element.append(origin(position, rotation))
+    element.append(make_origin(position, rotation))
     Xml.SubElement(element, "parent", link=parent)
     Xml.SubElement(element, "child", link=child)
-    Xml.SubElement(element, "axis", xyz=numbers(model.jnt_axis[joint]))
-    Xml.SubElement(element, "limit", lower=number(low), upper=number(high), effort="1e6", velocity="1e6")
+    Xml.SubElement(element, "axis", xyz=format_numbers(model.jnt_axis[joint]))
+    Xml.SubElement(element, "limit", lower=format_number(low), upper=format_number(high), effort="1e6", velocity="1e6")
 
 
 def add_weld(robot: Xml.Element, parent: str, child: str, position: np.ndarray, rotation: np.ndarray) -> None:
     """Weld a link to another."""
     element = Xml.SubElement(robot, "joint", name=f"{child}_weld", type="fixed")
-    element.append(origin(position, rotation))
+    element.append(make_origin(position, rotation))
     Xml.SubElement(element, "parent", link=parent)
     Xml.SubElement(element, "child", link=child)
 
 
-def rotor_inertia(model: mujoco.MjModel, joint: int) -> float:
+def compute_rotor_inertia(model: mujoco.MjModel, joint: int) -> float:
     """Return a joint's reflected inertia [kg m²]; joints in series have at least `LEAST_ROTOR`."""
     series = model.body_jntnum[model.jnt_bodyid[joint]] > 1
     return max(float(model.dof_armature[model.jnt_dofadr[joint]]), LEAST_ROTOR if series else 0.0)
@@ -160,8 +160,8 @@ def rotor_inertia(model: mujoco.MjModel, joint: int) -> float:
 
 def add_rotor(robot: Xml.Element, model: mujoco.MjModel, joint: int) -> None:
     """Add a joint's reflected inertia as a flywheel on the base, where no other joint turns it."""
-    name = joint_name(model, joint) + ROTOR
-    inertia = rotor_inertia(model, joint)
+    name = find_joint_name(model, joint) + ROTOR
+    inertia = compute_rotor_inertia(model, joint)
     link = Xml.SubElement(robot, "link", name=name)
     add_inertia(link, LEAST_MASS, np.full(3, inertia), np.zeros(3), np.array([1.0, 0, 0, 0]))
     element = Xml.SubElement(robot, "joint", name=name, type="continuous")
@@ -173,34 +173,34 @@ def add_rotor(robot: Xml.Element, model: mujoco.MjModel, joint: int) -> None:
 def add_geoms(link: Xml.Element, model: mujoco.MjModel, body: int, anchor: np.ndarray) -> None:
     """Add a body's colliding primitives as collision and visual shapes."""
     for geom in range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body]):
-        shape = primitive(model, geom)
+        shape = make_primitive(model, geom)
         collides = model.geom_contype[geom] or model.geom_conaffinity[geom]
         if shape is None or not collides:
             continue
         for role in ("visual", "collision"):
             element = Xml.SubElement(link, role)
-            element.append(origin(model.geom_pos[geom] - anchor, model.geom_quat[geom]))
+            element.append(make_origin(model.geom_pos[geom] - anchor, model.geom_quat[geom]))
             Xml.SubElement(element, "geometry").append(shape)
 
 
-def primitive(model: mujoco.MjModel, geom: int) -> Xml.Element | None:
+def make_primitive(model: mujoco.MjModel, geom: int) -> Xml.Element | None:
     """Return a geom as a URDF shape, which has full lengths; None for other shapes than primitives."""
     size = model.geom_size[geom]
     kind = mujoco.mjtGeom(model.geom_type[geom])
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        return Xml.Element("box", size=numbers(2 * size))
+        return Xml.Element("box", size=format_numbers(2 * size))
     if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-        return Xml.Element("sphere", radius=number(size[0]))
+        return Xml.Element("sphere", radius=format_number(size[0]))
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        return Xml.Element("cylinder", radius=number(size[0]), length=number(2 * size[1]))
+        return Xml.Element("cylinder", radius=format_number(size[0]), length=format_number(2 * size[1]))
     if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        return Xml.Element("capsule", radius=number(size[0]), length=number(2 * size[1]))
+        return Xml.Element("capsule", radius=format_number(size[0]), length=format_number(2 * size[1]))
     return None
 
 
-def origin(position: np.ndarray, rotation: np.ndarray) -> Xml.Element:
+def make_origin(position: np.ndarray, rotation: np.ndarray) -> Xml.Element:
     """Return an `<origin>` from a position [m] and a quaternion (w, x, y, z)."""
-    return Xml.Element("origin", xyz=numbers(position), rpy=numbers(roll_pitch_yaw(rotation)))
+    return Xml.Element("origin", xyz=format_numbers(position), rpy=format_numbers(roll_pitch_yaw(rotation)))
 
 
 def roll_pitch_yaw(rotation: np.ndarray) -> np.ndarray:
@@ -214,11 +214,11 @@ def roll_pitch_yaw(rotation: np.ndarray) -> np.ndarray:
     return np.array([np.arctan2(r[2, 1], r[2, 2]), np.arctan2(-r[2, 0], level), np.arctan2(r[1, 0], r[0, 0])])
 
 
-def number(value: float) -> str:
+def format_number(value: float) -> str:
     """Return a number as text that reads back as the same double."""
     return repr(float(value))
 
 
-def numbers(values: np.ndarray) -> str:
+def format_numbers(values: np.ndarray) -> str:
     """Return numbers as text, separated by spaces."""
-    return " ".join(number(value) for value in values)
+    return " ".join(format_number(value) for value in values)

@@ -16,7 +16,7 @@ from support.recording_samples import pendulum, wander
 from support.report_samples import gap_report
 
 import nas_data as nas
-from nas_data.dataset.content import content_hash
+from nas_data.dataset.content import hash_content
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.verify import verify
 from nas_data.effects.base import Effect, Parameter, parse
@@ -213,14 +213,14 @@ def test_saving_makes_versions_that_name_their_parents(ds, paired, arm, tmp_path
     first = ds.save(tmp_path / "arm")
     assert ds.save(tmp_path / "arm") == ds.save(first) == first
     loaded = nas.Dataset.load(tmp_path / "arm")
-    assert content_hash(loaded) == content_hash(ds)
+    assert hash_content(loaded) == hash_content(ds)
     second = nas.pair(loaded, model=arm).save(tmp_path / "arm")
     assert [first.name[:3], second.name[:3]] == ["v1-", "v2-"]
     provenance = read_provenance(second)
     assert (provenance.how, provenance.source["engine"]) == ("paired", "mujoco")
     assert [parent.name for parent in provenance.parents] == [f"arm/{first.name}"]
     assert (second / "meta/source.xml").read_bytes() == arm.read_bytes()
-    assert content_hash(nas.Dataset.load(second)) == content_hash(paired)
+    assert hash_content(nas.Dataset.load(second)) == hash_content(paired)
     third = nas.Dataset.load(second).select([0, 2]).save(tmp_path / "arm")
     provenance = read_provenance(third)
     assert (provenance.how, provenance.parents[0].name) == ("edited", f"arm/{second.name}")
@@ -254,7 +254,7 @@ def test_a_recording_is_what_the_command_writes(arm, tmp_path):
     command = ("record", "sim", "--robot", str(arm), "--effect", effect, "--rate", str(rate), *amount)
     assert main([*command, "--out", str(tmp_path / "written")]) == 0
     written = nas.Dataset.load(tmp_path / "written")
-    assert content_hash(made) == content_hash(written)
+    assert hash_content(made) == hash_content(written)
     saved = read_provenance(made.save(tmp_path / "made"))
     assert saved.target == read_provenance(tmp_path / "written").target
     assert saved.target["effects"][0]["effect"] == "backlash"
@@ -287,7 +287,7 @@ def test_pairs_are_what_the_command_writes(ds, paired, arm, tmp_path):
 
     root = ds.save(tmp_path / "arm")
     assert main(["pair", str(root), "--model", str(arm), "--out", str(tmp_path / "pairs")]) == 0
-    assert content_hash(nas.Dataset.load(tmp_path / "pairs")) == content_hash(paired)
+    assert hash_content(nas.Dataset.load(tmp_path / "pairs")) == hash_content(paired)
 
 
 def test_a_source_may_have_effects(ds, arm, paired):
@@ -311,7 +311,7 @@ class CablePull(Effect):
 def test_an_effect_of_ones_own_goes_by_the_name_of_its_class(ds, arm, paired):
     by_name = nas.pair(ds, model=arm, effects=["cable_pull:joint=pendulum,stiffness=0.2"])
     as_object = nas.pair(ds, model=arm, effects=[CablePull(joint="pendulum", stiffness=0.2)])
-    assert content_hash(by_name) == content_hash(as_object) != content_hash(paired)
+    assert hash_content(by_name) == hash_content(as_object) != hash_content(paired)
     assert by_name.origin.provenance.source["effects"][0]["effect"] == "cable_pull"
     with pytest.raises(UnknownName, match="no effect 'cable_push'"):
         parse("cable_push:joint=pendulum,stiffness=0.2")

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from nas_data.benchmarks.augmented import WANTED, random_phi
-from nas_data.benchmarks.gym_reacher import GymReacher, NaiveReacher, dummy
+from nas_data.benchmarks.augmented import WANTED, make_random_phi
+from nas_data.benchmarks.gym_reacher import GymReacher, NaiveReacher, make_dummy_vec_env
 from nas_data.cli import main
 from nas_data.envs.ergo_reacher import TASK
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
@@ -18,7 +18,7 @@ ARMS = 3
 
 
 def phi(correction: float):
-    model = random_phi()
+    model = make_random_phi()
     model.get_buffer("output_std").fill_(correction)
     return model
 
@@ -29,7 +29,7 @@ def sides(simulator, model=None):
         ours, make = simulator.stepper(ARMS), lambda: GymReacher(simulator.model)
     else:
         ours, make = AugmentedStepper(simulator.stepper(ARMS), model), lambda: NaiveReacher(simulator.model, model)
-    return ArmVecEnv(TASK, ours), dummy(make, ARMS)
+    return ArmVecEnv(TASK, ours), make_dummy_vec_env(make, ARMS)
 
 
 @pytest.mark.parametrize("correction", [None, 1e-3], ids=["plain", "augmented"])

@@ -22,7 +22,7 @@ from nas_data.benchmarks.result import SECONDS, BenchmarkResult
 from nas_data.benchmarks.rounds import Ratio, take_turns
 from nas_data.cli import main
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import ACTION, STATE, position_feature, state_feature
+from nas_data.dataset.features import ACTION, STATE, make_position_feature, make_state_feature
 from nas_data.effects.base import parse
 from nas_data.errors import DatasetInvalid
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -132,7 +132,7 @@ def test_the_bare_rollouts_are_those_that_pairing_makes(monkeypatch):
     n, count = len(simulator.joints), 50
     rng = np.random.default_rng(0)
     dataset = Dataset(
-        features={STATE: state_feature(simulator.joints), ACTION: position_feature(simulator.joints)},
+        features={STATE: make_state_feature(simulator.joints), ACTION: make_position_feature(simulator.joints)},
         columns={STATE: rng.normal(0, 0.1, (count, 2 * n)), ACTION: rng.normal(0, 0.1, (count, n))},
         lengths=np.array([20, 30]),
         fps=100.0,

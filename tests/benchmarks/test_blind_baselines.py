@@ -14,7 +14,7 @@ from nas_data.benchmarks.blind.baselines.base import find_baseline
 from nas_data.benchmarks.blind.case import Episodes
 from nas_data.benchmarks.blind.draw import draw_case
 from nas_data.benchmarks.blind.fresh import Fresh
-from nas_data.benchmarks.blind.oracle_error import least_error
+from nas_data.benchmarks.blind.oracle_error import compute_oracle_error
 from nas_data.benchmarks.blind.settings.xl320 import SENSOR
 from nas_data.benchmarks.blind.truth import Base, Hidden, Truth
 from nas_data.benchmarks.blind.write import ANSWER, DATASET, NOMINAL, write_case
@@ -44,8 +44,8 @@ def written_case(folder: Path) -> Path:
 
 
 def test_every_baseline_can_be_found_by_its_name():
-    assert registry.names("benchmarks.blind.baselines") == ("one_step", "phi", "plain", "sysid")
-    assert all(callable(find_baseline(name)) for name in registry.names("benchmarks.blind.baselines"))
+    assert registry.list_names("benchmarks.blind.baselines") == ("one_step", "phi", "plain", "sysid")
+    assert all(callable(find_baseline(name)) for name in registry.list_names("benchmarks.blind.baselines"))
 
 
 def test_fitting_all_parameters_closes_the_gap_and_blames_one_of_them(weak_servo, monkeypatch):
@@ -75,11 +75,13 @@ def test_who_knows_the_answer_leaves_least(weak_servo):
     fresh = Fresh.load(weak_servo, arms()[0].joints)
     answer = from_json(SealedAnswer, read_json(weak_servo / ANSWER))
     errors = fresh.errors_of_models(weak_servo, weak_servo / NOMINAL)
-    least = least_error(weak_servo, answer, fresh)
+    least = compute_oracle_error(weak_servo, answer, fresh)
     assert fresh.floor < least < 0.5 * errors["before"]
-    assert least_error(weak_servo, replace(answer, effects=()), fresh) == pytest.approx(errors["before"], rel=0.1)
+    assert compute_oracle_error(weak_servo, replace(answer, effects=()), fresh) == pytest.approx(
+        errors["before"], rel=0.1
+    )
     play = HiddenEntry("backlash", "m3", {"half_width": 0.01}, 5.0, "m3")
     rubs = HiddenEntry("load_friction", "m3", {"ratio": 0.3}, 5.0, "m3")
-    assert least_error(weak_servo, replace(answer, effects=(rubs,)), fresh) > least
+    assert compute_oracle_error(weak_servo, replace(answer, effects=(rubs,)), fresh) > least
     for beyond in ((HiddenEntry("cable", "m3", {}, 5.0, "m3"),), (play, rubs)):  # beside play no file can hold it
-        assert least_error(weak_servo, replace(answer, effects=beyond), fresh) is None
+        assert compute_oracle_error(weak_servo, replace(answer, effects=beyond), fresh) is None

@@ -13,7 +13,7 @@ from nas_data.benchmarks.blind.plants.base import find_plant
 from nas_data.benchmarks.blind.plants.constants import Constants
 from nas_data.benchmarks.blind.sampling import Hider
 from nas_data.benchmarks.blind.settings.base import find_setting
-from nas_data.benchmarks.blind.settings.far import EXCESS, excess_of
+from nas_data.benchmarks.blind.settings.far import EXCESS, draw_gain_excess
 from nas_data.benchmarks.blind.truth import Base, Truth
 
 FAR = find_setting("far")
@@ -34,7 +34,7 @@ def test_only_the_gains_are_far_off_and_by_one_factor():
         arm, conditions = FAR.draw(named(number))
         true = draw_design(named(number).stream("arm"), conditions.period)
         model, own = Constants.of(arm.model()), Constants.of(true.model())
-        factors.append(excess_of(named(number)))
+        factors.append(draw_gain_excess(named(number)))
         np.testing.assert_allclose(model.gain, factors[-1] * own.gain, rtol=1e-4)
         for same in ("damping", "servo_damping", "armature", "friction", "force", "masses"):
             np.testing.assert_array_equal(getattr(model, same), getattr(own, same))

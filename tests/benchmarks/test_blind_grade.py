@@ -9,14 +9,14 @@ import pytest
 from support.blind_samples import answered, entry_of, know_everything, know_nothing, report_of, shorten
 
 from nas_data.benchmarks.blind.benchmark import BlindPlan, run
-from nas_data.benchmarks.blind.code import case_code
+from nas_data.benchmarks.blind.code import hash_case_code
 from nas_data.benchmarks.blind.grade import ConfidenceGrade, grade_names
 from nas_data.benchmarks.blind.resimulate import Delivered
 from nas_data.benchmarks.blind.run_case import store_record
-from nas_data.benchmarks.blind.tables import print_tables, reliability, tables
+from nas_data.benchmarks.blind.tables import compute_reliability, make_tables, print_tables
 from nas_data.cli import main
 from nas_data.errors import DatasetInvalid, ModelFileError, OutputExists, UnknownName
-from nas_data.runs.environment_info import commit
+from nas_data.runs.environment_info import find_commit
 
 HIDDEN = [
     {"effect": "backlash", "joint": "m3", "parameters": {"half_width": 0.02}, "mark": 5.0, "marked_joint": "m3"},
@@ -109,7 +109,7 @@ def test_a_report_of_another_form_is_refused(report):
 
 def test_confidence_is_compared_with_what_was_right():
     record = {"confidences": [{"confidence": 0.95, "right": True}, {"confidence": 0.96, "right": False}]}
-    rows = reliability([record])
+    rows = compute_reliability([record])
     assert rows == [{"from": 0.95, "to": 0.99, "findings": 2, "confidence": pytest.approx(0.955), "right": 0.5}]
 
 
@@ -137,7 +137,7 @@ def test_who_says_nothing_is_right_only_where_nothing_hides(small, tmp_path):
     records = run(BlindPlan(("none", "one"), ("mujoco",), 1, 0), tmp_path, know_nothing, lambda line: None)
     assert [record["exact"] for record in records] == [True, False]
     assert records[1]["fresh"]["after"] == records[1]["fresh"]["before"]
-    assert "abstained" in print_tables(tables(records))
+    assert "abstained" in print_tables(make_tables(records))
 
 
 def test_a_finished_case_is_never_done_again(small, tmp_path):
@@ -154,7 +154,7 @@ def test_a_finished_case_is_never_done_again(small, tmp_path):
 def test_a_record_names_the_code_that_decided_it(small, tmp_path, edited):
     plan = BlindPlan(("none",), ("mujoco",), 1, 0)
     (record,) = run(plan, tmp_path, know_nothing, lambda line: None)
-    assert record["commit"] == commit() and len(record["code"]) == 64
+    assert record["commit"] == find_commit() and len(record["code"]) == 64
     (identity,) = plan.identities()
     for module, old in (
         ("nas_data.gap.workflow", "def investigate"),  # what names
@@ -164,7 +164,7 @@ def test_a_record_names_the_code_that_decided_it(small, tmp_path, edited):
         ("nas_data.benchmarks.blind.plants.mujoco_plant", "def multiply"),  # what moves
     ):
         edited(module, old, f"{old}1")
-        assert case_code(identity) != record["code"], module
+        assert hash_case_code(identity) != record["code"], module
 
 
 def test_cases_that_other_code_judged_are_refused_and_left_alone(small, tmp_path, edited):
@@ -206,7 +206,7 @@ def test_a_workflow_that_fails_is_a_fault_and_the_benchmark_goes_on(small, tmp_p
     records = run(BlindPlan(("none",), ("mujoco",), 2, 0), tmp_path, break_down, lambda line: None)
     assert [record["verdict"] for record in records] == ["failed", "failed"]
     assert "no idea" in records[0]["fault"]
-    assert tables(records)["families"][0]["failed"] == 2
+    assert make_tables(records)["families"][0]["failed"] == 2
 
 
 def test_words_that_mean_nothing_are_refused_before_any_work(tmp_path):

@@ -13,7 +13,7 @@ from support.blind_samples import INDEPENDENT, arms, positions, reference, steps
 
 from nas_data.benchmarks.blind import plants
 from nas_data.benchmarks.blind.catalogue import INSIDE, OUTSIDE
-from nas_data.benchmarks.blind.plants.base import chain_of, stack_arms
+from nas_data.benchmarks.blind.plants.base import make_chain, stack_arms
 from nas_data.benchmarks.blind.plants.body import PlantBody
 from nas_data.benchmarks.blind.plants.constants import Constants
 from nas_data.benchmarks.blind.plants.servo_model import STEP
@@ -52,7 +52,7 @@ def test_an_independent_plant_does_not_even_load_the_effects(plant):
 @pytest.mark.parametrize("arm", arms(), ids=lambda arm: arm.name)
 def test_rigid_body_dynamics_equal_mujocos(arm):
     model, rng = arm.model(), np.random.default_rng(0)
-    chain = chain_of(stack_arms([PlantBody.of(Constants.of(model), Base.nominal(6))], 4))
+    chain = make_chain(stack_arms([PlantBody.of(Constants.of(model), Base.nominal(6))], 4))
     q, v = rng.uniform(-1.5, 1.5, (4, 6)), rng.uniform(-5, 5, (4, 6))
     mass, bias = chain.dynamics(q, v)
     for row in range(4):

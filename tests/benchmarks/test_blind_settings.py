@@ -68,7 +68,7 @@ def test_the_default_setting_draws_what_it_drew_before_there_were_others(name, b
 
 
 def test_every_setting_can_be_found_and_no_other():
-    assert registry.names("benchmarks.blind.settings") == ("any", "far", "poor", "small", "torque", "xl320")
+    assert registry.list_names("benchmarks.blind.settings") == ("any", "far", "poor", "small", "torque", "xl320")
     with pytest.raises(UnknownName, match="setting"):
         draw_case("none", "numpy", 0, 0, setting="all")
     with pytest.raises(UnknownName, match="setting"):
@@ -169,7 +169,7 @@ def test_who_knows_everything_is_right_about_those_cases_too(family, setting, pl
 def test_every_baseline_answers_on_other_arms(setting, tmp_path, monkeypatch):
     small = {"updates": 1, "frames": 50, "horizon": 10, "hidden": 8, "shortcut": False}
     monkeypatch.setattr("nas_data.benchmarks.blind.baselines.phi.SMALL", small)
-    names = registry.names("benchmarks.blind.baselines")
+    names = registry.list_names("benchmarks.blind.baselines")
     plan = BlindPlan(("one",), ("numpy",), 1, 4, baselines=names, setting=setting)
     record = run(plan, tmp_path, know_everything, print)[0]
     for name in names:
@@ -190,4 +190,4 @@ def test_the_command_knows_its_settings(capsys, tmp_path):
     with pytest.raises(SystemExit):
         main(["benchmark", "gap", "--help"])
     told = capsys.readouterr().out
-    assert all(name in told for name in ("--setting", *registry.names("benchmarks.blind.settings")))
+    assert all(name in told for name in ("--setting", *registry.list_names("benchmarks.blind.settings")))

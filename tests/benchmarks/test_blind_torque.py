@@ -19,11 +19,11 @@ from support.blind_samples import (
 
 from nas_data.benchmarks.blind.arms import NominalArm
 from nas_data.benchmarks.blind.benchmark import BlindPlan, run
-from nas_data.benchmarks.blind.case import Identity, equals_of
+from nas_data.benchmarks.blind.case import Identity, find_equivalents
 from nas_data.benchmarks.blind.draw import draw_case
-from nas_data.benchmarks.blind.following import reach_of
+from nas_data.benchmarks.blind.following import find_reach
 from nas_data.benchmarks.blind.grade import ConfidenceGrade, grade_names
-from nas_data.benchmarks.blind.plants.base import chain_of, find_plant
+from nas_data.benchmarks.blind.plants.base import find_plant, make_chain
 from nas_data.benchmarks.blind.plants.body import PlantBody, stack_arms
 from nas_data.benchmarks.blind.plants.constants import Constants
 from nas_data.benchmarks.blind.settings.base import find_setting
@@ -88,7 +88,7 @@ def test_machines_differ_in_all_that_users_differ_in():
 def test_rigid_body_dynamics_with_slides_equal_mujocos(number):
     arm, _ = TORQUE.draw(Identity("none", "numpy", number, 5, setting="torque"))
     model, rng, n = arm.model(), np.random.default_rng(0), len(arm.joints)
-    chain = chain_of(stack_arms([PlantBody.of(Constants.of(model), Base.nominal(n))], 4))
+    chain = make_chain(stack_arms([PlantBody.of(Constants.of(model), Base.nominal(n))], 4))
     q, v = rng.uniform(-1.5, 1.5, (4, n)), rng.uniform(-5, 5, (4, n))
     mass, bias = chain.dynamics(q, v)
     for row in range(4):
@@ -160,7 +160,7 @@ def test_motions_stay_in_range_and_torques_within_their_limits(plant):
     case = draw_case("two", plant, 2, 3, setting="torque")
     constants = Constants.of(case.arm.model())
     assert (np.abs(case.recorded.commands) <= constants.control[:, 1] * (1 + 1e-6)).all()
-    assert (np.abs(case.recorded.positions) < 2 * reach_of(constants.sliding)[:, 1]).all()
+    assert (np.abs(case.recorded.positions) < 2 * find_reach(constants.sliding)[:, 1]).all()
     assert all(mark >= TORQUE.least for mark in case.marks)
 
 
@@ -232,7 +232,7 @@ def test_one_inertia_with_two_names_may_have_either():
     names = []
     for gravity in (0, -9.81):
         constants = Constants.of(mujoco.MjModel.from_xml_string(model.format(gravity)))
-        names.append(equals_of(constants, hidden))
+        names.append(find_equivalents(constants, hidden))
     assert names == [(("payload", None),), None]
     entry = {**vars(hidden), "equals": names[0]}
     answer = answered([entry], joints=["x"])

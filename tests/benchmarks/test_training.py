@@ -10,7 +10,7 @@ from itertools import pairwise
 import pytest
 from support.training_samples import TINY
 
-from nas_data.benchmarks.learning_curve import Point, Stopwatch, learn, when
+from nas_data.benchmarks.learning_curve import Point, Stopwatch, find_time_to_loss, learn
 from nas_data.benchmarks.training import FAST, PAPER, RECIPE, TUNED, Race
 from nas_data.cli import main
 from nas_data.models.training import ModelTraining
@@ -23,7 +23,7 @@ CURVE = (Point(1.0, 2.0, 0.9), Point(2.0, 5.0, 0.5), Point(3.0, 6.0, 0.5), Point
     [(1.0, (1.0, 2.0)), (0.9, (1.0, 2.0)), (0.6, (2.0, 5.0)), (0.2, (4.0, 8.0)), (0.1, (math.inf, math.inf))],
 )
 def test_a_loss_is_reached_by_the_first_epoch_that_is_as_low(loss, expected):
-    assert when(CURVE, loss) == expected
+    assert find_time_to_loss(CURVE, loss) == expected
 
 
 def test_a_loss_that_ours_never_reaches_counts_as_none_of_the_papers_speed():

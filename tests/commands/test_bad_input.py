@@ -15,7 +15,7 @@ from support.recording_samples import pendulum, recorded_on, wander
 from support.simulator_samples import CONTACTS, hinge, motors, unstable
 
 from nas_data.cli import main
-from nas_data.dataset.layout import data_files
+from nas_data.dataset.layout import list_data_files
 from nas_data.dataset.read import read
 from nas_data.dataset.write import write
 from nas_data.models import checkpoint
@@ -32,7 +32,7 @@ def spoilt(place: Place, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the wrong things that bad input names."""
     aside = tmp_path_factory.mktemp("spoilt")
     half = write(read(place.paired), aside / "half", SIMULATED)
-    file = data_files(half)[0]
+    file = list_data_files(half)[0]
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
     (aside / "nothing").mkdir()
     (aside / "photo.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(64))

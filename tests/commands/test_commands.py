@@ -18,7 +18,7 @@ from support.command_samples import FAST, SIMULATED, done, nas
 from support.recording_samples import pendulum, positions_only
 from support.simulator_samples import SO101, needs_so101
 
-from nas_data.cli import command_class, command_files, main, overview, parse, split, summary
+from nas_data.cli import format_overview, list_command_files, load_command_class, main, parse, read_summary, split
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.write import write
@@ -26,10 +26,10 @@ from nas_data.models import checkpoint
 from nas_data.models.evaluation import evaluate
 from nas_data.models.losses import TeacherForcing
 from nas_data.robots.base import find_robot
-from nas_data.typed_json import finite
+from nas_data.typed_json import make_finite
 
 RECORDINGS = Path(__file__).parents[3] / "shared/realdata/sage_so101"
-COMMANDS = command_files()
+COMMANDS = list_command_files()
 HELP_SECONDS = 0.3  # [s] how long `nas --help` may take
 ATTEMPTS = 20  # runs of which the fastest counts: other tests run beside this one
 HEAVY = {
@@ -45,8 +45,8 @@ def test_help_lists_every_command_by_its_first_line():
     answer = nas("--help")
     assert answer.code == 0
     for name, path in COMMANDS.items():
-        assert re.search(rf"^  {name} +{re.escape(summary(path))}$", answer.out, re.MULTILINE), name
-        assert re.match(r"\w.*[.…]$", summary(path)), name
+        assert re.search(rf"^  {name} +{re.escape(read_summary(path))}$", answer.out, re.MULTILINE), name
+        assert re.match(r"\w.*[.…]$", read_summary(path)), name
     assert nas().code == 2
     assert "usage" in nas().out
     assert nas("--version").out.startswith("nas_data ")
@@ -61,27 +61,27 @@ def test_every_command_has_help_with_an_example_and_a_word_for_each_option(name,
     assert f"usage: nas {name}" in text
     assert f"Example: nas {name}" in text
     assert "--json" in text
-    for field in fields(command_class(name)):
+    for field in fields(load_command_class(name)):
         assert field.name.replace("_", "-").rstrip("-") in text or field.name.upper() in text
 
 
 @pytest.mark.parametrize("name", sorted(COMMANDS))
 def test_every_example_of_a_help_is_a_paragraph_and_a_command_that_is_understood(name):
-    paragraphs = (inspect.getdoc(command_class(name)) or "").split("\n\n")
+    paragraphs = (inspect.getdoc(load_command_class(name)) or "").split("\n\n")
     examples = [paragraph for paragraph in paragraphs if "Example: " in paragraph]
     assert examples
     for example in examples:
         program, *words = shlex.split(example.removeprefix("Example: "))
         assert program == "nas"
         assert split(words)[0] == name
-        assert isinstance(parse(*split(words)), command_class(name))
+        assert isinstance(parse(*split(words)), load_command_class(name))
 
 
 @pytest.mark.parametrize("name", sorted(COMMANDS))
 def test_every_option_of_a_command_is_described_below_it(name):
     tree = ast.parse(COMMANDS[name].read_text())
     kind = next(
-        node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == command_class(name).__name__
+        node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == load_command_class(name).__name__
     )
     for field, following in zip(kind.body, [*kind.body[1:], None], strict=True):
         if isinstance(field, ast.AnnAssign) and "ClassVar" not in ast.unparse(field.annotation):
@@ -97,7 +97,7 @@ def test_words_that_are_no_command_are_answered(words):
     else:
         assert answer.code == 2
     assert "Traceback" not in answer.err
-    assert overview(words[0]) in answer.out or answer.err.startswith("nas: There is no command")
+    assert format_overview(words[0]) in answer.out or answer.err.startswith("nas: There is no command")
 
 
 @pytest.mark.parametrize("words", ["--help", "gap --help", "effects"])
@@ -135,10 +135,10 @@ def test_the_overview_answers_at_once():
 
 def test_help_imports_nothing_heavy():
     code = (
-        "import sys; from nas_data.cli import command_class, command_files, main\n"
+        "import sys; from nas_data.cli import list_command_files, load_command_class, main\n"
         "def loaded(): return {name.split('.')[0] for name in sys.modules}\n"
         f"main(['--help']); print(*loaded() & {HEAVY | {'tyro'}}, sep=',', file=sys.stderr)\n"
-        "for name in command_files(): command_class(name)\n"
+        "for name in list_command_files(): load_command_class(name)\n"
         f"print(*loaded() & {HEAVY}, sep=',', file=sys.stderr)"
     )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stderr
@@ -157,8 +157,8 @@ def test_importing_the_package_loads_only_the_standard_library():
 
 def test_json_says_only_what_json_can():
     odd = {"nan": float("nan"), "inf": [np.inf], "path": Path("a/b"), "array": np.arange(2), "number": np.float32(0.5)}
-    assert finite(odd) == {"nan": None, "inf": [None], "path": "a/b", "array": [0, 1], "number": 0.5}
-    json.dumps(finite(odd), allow_nan=False)
+    assert make_finite(odd) == {"nan": None, "inf": [None], "path": "a/b", "array": [0, 1], "number": 0.5}
+    json.dumps(make_finite(odd), allow_nan=False)
 
 
 # the pipeline

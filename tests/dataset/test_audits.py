@@ -18,13 +18,13 @@ from nas_data.dataset.features import (
     STATE,
     TIME,
     Feature,
-    action_feature,
-    position_feature,
-    state_feature,
-    time_feature,
+    make_action_feature,
+    make_position_feature,
+    make_state_feature,
+    make_time_feature,
 )
 from nas_data.dataset.provenance import Provenance
-from nas_data.dataset.recording import recordings
+from nas_data.dataset.recording import extract_recordings
 from nas_data.dataset.transitions import estimate_velocities
 from nas_data.dataset.verify import examine
 from nas_data.dataset.write import write
@@ -69,10 +69,10 @@ def dataset_of(states: np.ndarray, commands: np.ndarray, rate: int, episodes: in
     time = np.arange(len(commands))[:, None] / rate
     columns = {STATE: states[:-1], ACTION: commands, NEXT_STATE: states[1:], TIME: time}
     features = {
-        STATE: state_feature(JOINTS),
-        ACTION: position_feature(JOINTS),
-        NEXT_STATE: state_feature(JOINTS),
-        TIME: time_feature(),
+        STATE: make_state_feature(JOINTS),
+        ACTION: make_position_feature(JOINTS),
+        NEXT_STATE: make_state_feature(JOINTS),
+        TIME: make_time_feature(),
     }
     tiled = {key: np.tile(column, (episodes, 1)).astype(features[key].dtype) for key, column in columns.items()}
     return Dataset(features, tiled, np.full(episodes, len(commands)), float(rate), "arm")
@@ -80,8 +80,8 @@ def dataset_of(states: np.ndarray, commands: np.ndarray, rate: int, episodes: in
 
 def as_slides(dataset: Dataset, metres: float = 0.02) -> Dataset:
     """The same motion by slides that go so many metres where the hinges turn by a radian."""
-    state = state_feature(JOINTS, JOINTS)
-    units = {STATE: state, NEXT_STATE: state, ACTION: action_feature(JOINTS, (POSITION, POSITION), JOINTS)}
+    state = make_state_feature(JOINTS, JOINTS)
+    units = {STATE: state, NEXT_STATE: state, ACTION: make_action_feature(JOINTS, (POSITION, POSITION), JOINTS)}
     columns = {key: metres * dataset.columns[key].astype(float) for key in units}
     return replace(dataset, features={**dataset.features, **units}, columns={**dataset.columns, **columns})
 
@@ -202,7 +202,7 @@ FAULTS_OF_SLIDES = FAULTS | {
 @pytest.mark.parametrize("check", FAULTS_OF_SLIDES)
 def test_each_fault_of_a_finger_that_goes_millimetres_is_heard(check, rate):
     dataset = edited(as_slides(exact(rate, "sines", episodes=1)), **FAULTS_OF_SLIDES[check])
-    findings = audit(next(recordings(dataset)), Expected(rate=float(rate), slides=dataset.slides))
+    findings = audit(next(extract_recordings(dataset)), Expected(rate=float(rate), slides=dataset.slides))
     said = [finding.what for finding in findings if finding.check == check]
     assert said
     assert not any("rad/s" in what or " rad" in what for what in said)
@@ -227,7 +227,7 @@ def test_rows_without_torque_are_heard():
 
 
 def test_limits_are_heard_where_they_are_known():
-    (first, *_) = recordings(exact(50, "sines"))
+    (first, *_) = extract_recordings(exact(50, "sines"))
     found = audit(first, Expected(rate=50.0, limits={"j1": (-0.5, 2.0)}))
     assert {finding.check for finding in found} == {"command_beyond_limits", "position_beyond_limits"}
 

@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.dataset_samples import any_dataset, recorded
 
-from nas_data.dataset.content import content_hash
+from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION, STATE, Feature
-from nas_data.dataset.statistics import QUANTILES, statistics
+from nas_data.dataset.statistics import QUANTILES, compute_statistics
 
 # Recomputed by hand only when SCHEMA of content.py is raised: stored datasets name their content by this rule.
 GOLDEN = "70634b2ab0ba31ca2402d213513e7aa826b739f20b675ebde793043dc4334a4c"
@@ -32,7 +32,7 @@ def tiny() -> Dataset:
 
 
 def test_the_hash_of_a_known_dataset_never_changes():
-    assert content_hash(tiny()) == GOLDEN
+    assert hash_content(tiny()) == GOLDEN
 
 
 @settings(max_examples=25, deadline=None)
@@ -45,7 +45,7 @@ def test_changing_any_value_changes_the_hash(dataset, data):
     bits = column.view(np.uint8).reshape(*column.shape, column.itemsize)
     bits[row, component, 0] ^= 1
     changed = replace(dataset, columns={**dataset.columns, key: column})
-    assert content_hash(changed) != content_hash(dataset)
+    assert hash_content(changed) != hash_content(dataset)
 
 
 @settings(max_examples=15, deadline=None)
@@ -61,7 +61,7 @@ def test_order_of_columns_memory_layout_and_byte_order_do_not_count(dataset):
         },
         lengths=dataset.lengths.astype(np.int32),
     )
-    assert content_hash(other) == content_hash(dataset)
+    assert hash_content(other) == hash_content(dataset)
 
 
 def test_everything_but_the_values_counts_too():
@@ -78,13 +78,13 @@ def test_everything_but_the_values_counts_too():
         dataset.select([0, 1]),
         dataset.select([1, 0, 2]),
     ]
-    assert len({content_hash(other) for other in [dataset, *others]}) == 1 + len(others)
+    assert len({hash_content(other) for other in [dataset, *others]}) == 1 + len(others)
 
 
 @settings(max_examples=25, deadline=None)
 @given(any_dataset())
 def test_statistics_equal_numpys_for_every_episode_and_over_all(dataset):
-    found = statistics(dataset.columns, dataset.lengths)
+    found = compute_statistics(dataset.columns, dataset.lengths)
     shares = list(QUANTILES.values())
     for key, column in dataset.columns.items():
         exact = column.astype(np.float64)
@@ -105,6 +105,6 @@ def test_statistics_equal_numpys_for_every_episode_and_over_all(dataset):
 def test_statistics_of_many_equal_episodes_are_sorted_in_several_blocks():
     rng = np.random.default_rng(0)
     column = rng.normal(size=(600 * 100, 8)).astype(np.float32)
-    found = statistics({"x": column}, np.full(600, 100))["x"]
+    found = compute_statistics({"x": column}, np.full(600, 100))["x"]
     expected = np.quantile(column.reshape(600, 100, 8).astype(np.float64), 0.9, axis=1)
     assert np.allclose(found.episodes["q90"], expected, atol=1e-12)

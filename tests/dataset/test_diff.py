@@ -12,7 +12,7 @@ from support.dataset_samples import any_dataset, recorded
 from support.version_samples import FEW, SIMULATED, original
 
 from nas_data.cli import main
-from nas_data.dataset.diff import diff
+from nas_data.dataset.diff import compare_datasets
 from nas_data.dataset.features import ACTION, SIM_STATE, STATE
 from nas_data.dataset.write import write
 
@@ -20,7 +20,7 @@ from nas_data.dataset.write import write
 @FEW
 @given(any_dataset())
 def test_a_dataset_does_not_differ_from_itself(dataset):
-    found = diff(dataset, dataset, (SIMULATED, SIMULATED))
+    found = compare_datasets(dataset, dataset, (SIMULATED, SIMULATED))
     assert found.equal_content
     assert found.equal_episodes == dataset.n_episodes and found.moved == 0
     assert not any([found.changed, found.values, found.tasks, found.provenance, found.compared])
@@ -46,7 +46,7 @@ def changed_somehow(draw, dataset):
 def test_a_difference_is_symmetric(data):
     a = data.draw(st.one_of(any_dataset(), st.just(recorded())))
     b = changed_somehow(data.draw, a)
-    there, back = diff(a, b), diff(b, a)
+    there, back = compare_datasets(a, b), compare_datasets(b, a)
     for name in ("content_hashes", "only", "joints", "counts", "unmatched"):
         assert getattr(there, name) == getattr(back, name)[::-1]
     assert (there.rates or (0, 0)) == (back.rates or (0, 0))[::-1]
@@ -66,7 +66,7 @@ def test_the_largest_difference_is_found_where_it_is():
     changed = a.commands.copy()
     changed[5 + 3, 1] += 0.25
     changed[5 + 4, 0] -= 0.125
-    found = diff(a, a.with_column(ACTION, a.features[ACTION], changed))
+    found = compare_datasets(a, a.with_column(ACTION, a.features[ACTION], changed))
     change = found.values[ACTION]
     assert found.compared == ((1, 1),) and found.equal_episodes == 2
     assert (change.component, change.episodes, change.frame, change.frames) == ("m2.pos", (1, 1), 3, 2)
@@ -75,7 +75,7 @@ def test_the_largest_difference_is_found_where_it_is():
 
 def test_episodes_are_found_wherever_they_stand():
     a = recorded(lengths=(5, 7, 6, 4))
-    found = diff(a, a.select([3, 0, 2]))
+    found = compare_datasets(a, a.select([3, 0, 2]))
     assert (found.equal_episodes, found.moved) == (3, 2)
     assert found.unmatched == ((1,), ())
     assert not found.equal_content
@@ -85,7 +85,7 @@ def test_a_zero_of_another_sign_is_a_difference_of_nothing():
     a = recorded(lengths=(4,))
     columns = [np.zeros_like(a.commands), -np.zeros_like(a.commands)]
     one, other = (a.with_column(ACTION, a.features[ACTION], column) for column in columns)
-    found = diff(one, other)
+    found = compare_datasets(one, other)
     assert not found.equal_content
     assert found.values[ACTION].largest == 0.0 and found.values[ACTION].frames == 4
 
@@ -114,6 +114,6 @@ def test_diff_answers_equal_content_of_other_provenance_with_zero(folder, capsys
 
 def test_diff_names_rate_robot_and_joints():
     a = recorded()
-    found = diff(a, replace(recorded(joints=("m1", "elbow", "m3")), fps=40.0, robot_type="so101"))
+    found = compare_datasets(a, replace(recorded(joints=("m1", "elbow", "m3")), fps=40.0, robot_type="so101"))
     assert (found.rates, found.robots, found.joints) == ((50.0, 40.0), ("ergojr", "so101"), (("m2",), ("elbow",)))
     assert STATE in found.changed and STATE not in found.values

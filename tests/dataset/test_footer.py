@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from support.dataset_samples import any_dataset, recorded
 
 from nas_data.dataset import parquet_thrift
-from nas_data.dataset.parquet_footer import mend, walk
+from nas_data.dataset.parquet_footer import rebuild_footer, walk
 
 
 def without_footer(table, groups, **options):
@@ -46,7 +46,7 @@ def test_the_footer_is_made_again_for_all_whole_row_groups(dataset, dictionary, 
     cut = data.draw(st.integers(0, len(content)) | st.sampled_from(sizes))
     stream = io.BytesIO()
     pq.write_table(table.slice(0, 1), stream)
-    mended, groups = mend(content[:cut], stream.getvalue(), widths)
+    mended, groups = rebuild_footer(content[:cut], stream.getvalue(), widths)
     whole = sum(size <= cut for size in sizes[1:])
     assert groups == whole
     if groups:
@@ -61,13 +61,13 @@ def test_columns_of_many_pages_are_put_together(tmp_path):
     assert len(list(walk(content))) > 20
     stream = io.BytesIO()
     pq.write_table(table.slice(0, 1), stream)
-    mended, groups = mend(content, stream.getvalue(), [1, 1])
+    mended, groups = rebuild_footer(content, stream.getvalue(), [1, 1])
     assert groups == 1 and pq.read_table(io.BytesIO(mended)).equals(table)
 
 
 @given(st.binary(max_size=200))
 def test_noise_is_no_page(noise):
-    assert mend(b"PAR1" + noise, TEMPLATE, [1])[1] == 0
+    assert rebuild_footer(b"PAR1" + noise, TEMPLATE, [1])[1] == 0
     list(walk(noise))
 
 

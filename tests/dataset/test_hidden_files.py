@@ -8,14 +8,14 @@ from support.dataset_samples import recorded, same
 from support.import_samples import JOINTS, columns_of, motion, sample_map, write_log
 
 from nas_data.dataset import layout
-from nas_data.dataset.pack import hashes
+from nas_data.dataset.pack import hash_files
 from nas_data.dataset.provenance import Provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.dataset.write import write
 from nas_data.policies.policy import CONFIG, find_policies
 from nas_data.recorders.logs import find_logs, import_logs
-from nas_data.visible_files import visible
+from nas_data.visible_files import list_visible_files
 
 GHOST = b"\0\5\026\7\0\2\0\0Mac OS X        "  # how a file that macOS keeps for another begins
 
@@ -45,12 +45,12 @@ LEFT = pytest.mark.parametrize("leave", [leave_ghost, leave_checkpoint, leave_lo
 def test_a_dataset_is_read_without_them(tmp_path, leave):
     dataset = recorded()
     root = write(dataset, tmp_path / "d", Provenance(how="simulated", robot="ergojr"))
-    packed = hashes(root)
-    for path in (layout.data_files(root)[0], layout.episode_files(root)[0], root / layout.INFO):
+    packed = hash_files(root)
+    for path in (layout.list_data_files(root)[0], layout.list_episode_files(root)[0], root / layout.INFO):
         leave(path)
     assert same(read(root), dataset)
     assert verify(root) == []
-    assert hashes(root) == packed
+    assert hash_files(root) == packed
 
 
 @LEFT
@@ -69,8 +69,8 @@ def test_what_is_named_with_its_hidden_folder_is_found(tmp_path):
     policy = tmp_path / ".cache" / "runs" / "seed0"
     policy.mkdir(parents=True)
     (policy / "policy.json").touch()
-    assert visible(tmp_path, "**/*.json") == []
-    assert visible(policy.parent, "*/*.json") == [policy / "policy.json"]
+    assert list_visible_files(tmp_path, "**/*.json") == []
+    assert list_visible_files(policy.parent, "*/*.json") == [policy / "policy.json"]
 
 
 def test_a_backup_of_a_policy_is_no_second_seed(tmp_path):

@@ -14,8 +14,8 @@ from nas_data.cli import main
 from nas_data.dataset import layout
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
-from nas_data.dataset.recover import destination, find_damaged
-from nas_data.dataset.staging import leftovers
+from nas_data.dataset.recover import find_damaged, find_destination
+from nas_data.dataset.staging import find_leftovers
 from nas_data.dataset.verify import verify
 from nas_data.dataset.versions import resolve
 from nas_data.errors import DatasetInvalid, NasError, OptionError
@@ -144,7 +144,7 @@ def test_what_was_rescued_is_opened_and_continued_by_lerobot(folder, monkeypatch
 
 def test_a_recording_whose_pages_never_reached_the_disk_is_said_to_be_lost(folder, capsys):
     root = killed(folder / "rec", BEGIN, episodes(0, 3), KILL)
-    (data,) = layout.data_files(root)
+    (data,) = layout.list_data_files(root)
     for content in (b"", b"PAR1", bytes(data.stat().st_size)):
         data.write_bytes(content)
         before = sorted(folder.rglob("*"))
@@ -168,10 +168,10 @@ def killed_while_writing(folder, part, dataset="recorded()"):
         "    put(path, content)\n"
         "writing.write_synced = deadly\n"
         "provenance = Provenance(how='simulated', robot='ergojr')\n"
-        f"versions.new_version({dataset}, 'arm', provenance, attachments={{'meta/source.xml': b'x'}})\n"
+        f"versions.write_version({dataset}, 'arm', provenance, attachments={{'meta/source.xml': b'x'}})\n"
     )
     assert end_of(script, folder=folder) == -signal.SIGKILL
-    (left,) = leftovers(folder / "datasets/arm")
+    (left,) = find_leftovers(folder / "datasets/arm")
     return left
 
 
@@ -200,8 +200,8 @@ def test_two_leftovers_have_to_be_told_apart(folder):
     with pytest.raises(OptionError, match="give one of"):
         find_damaged(Path("datasets/arm"))
     assert find_damaged(second) == second
-    assert destination(second) == (folder / "datasets", "arm")
-    assert destination(folder / f".d{second.name[8:]}") == (Path("datasets"), "d")
+    assert find_destination(second) == (folder / "datasets", "arm")
+    assert find_destination(folder / f".d{second.name[8:]}") == (Path("datasets"), "d")
 
 
 def test_what_is_being_written_is_left_alone(folder):

@@ -10,16 +10,16 @@ from support.dataset_samples import recorded
 from support.import_samples import columns_of, map_text, motion, sample_map, write_log
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import ACTION, STATE, position_feature, state_feature
+from nas_data.dataset.features import ACTION, STATE, make_position_feature, make_state_feature
 from nas_data.dataset.transitions import as_transitions
 from nas_data.effects.base import parse
 from nas_data.errors import DatasetInvalid, JointMismatch
 from nas_data.gap.workflow import rms
-from nas_data.joint_units import display_unit, mean_of_kind, table_unit, unit_at
-from nas_data.metrics import Errors, table
+from nas_data.joint_units import average_by_kind, convert_hinge_unit, find_display_unit, format_table_unit
+from nas_data.metrics import Errors, format_error_table
 from nas_data.pairing import pair
 from nas_data.recorders.logs import import_logs
-from nas_data.reports.run_sections import models_section
+from nas_data.reports.run_sections import make_models_section
 from nas_data.reports.runs import ModelRun
 from nas_data.robots.base import find_robot
 from nas_data.simulators.against_model import check
@@ -43,7 +43,7 @@ def simulator(tmp_path) -> MujocoSimulator:
 def lerobot(units: tuple[str, ...]) -> Dataset:
     """A recording with LeRobot's keys alone: positions and commands of a hinge and a slide."""
     whole = recorded(joints=("j", "g"))
-    places = position_feature(("j", "g"))
+    places = make_position_feature(("j", "g"))
     features = {STATE: replace(places, units=units), ACTION: replace(places, units=units)}
     columns = {STATE: whole.columns[STATE][:, :2], ACTION: whole.columns[ACTION]}
     return Dataset(features, columns, whole.lengths, 50.0)
@@ -51,7 +51,7 @@ def lerobot(units: tuple[str, ...]) -> Dataset:
 
 def test_metres_with_lerobots_keys_are_taken():
     dataset, _ = as_transitions(lerobot(("rad", "m")))
-    assert dataset.features[STATE] == state_feature(("j", "g"), ("g",))
+    assert dataset.features[STATE] == make_state_feature(("j", "g"), ("g",))
     assert dataset.features[STATE].units == ("rad", "m", "rad/s", "m/s")
     assert dataset.slides == {"g"}
 
@@ -91,17 +91,17 @@ def test_a_table_never_averages_both_kinds():
     errors = Errors(("j", "g"), squared, np.array([10]), frozenset({"g"}))
     assert errors.overall == pytest.approx(np.radians(2.0))
     assert errors.to_json()["overall_slides"] == pytest.approx(0.003)
-    text = table({"source": errors}, "Errors")
+    text = format_error_table({"source": errors}, "Errors")
     assert "[deg; g mm]" in text and "hinges" in text and "slides" in text
     assert [float(word) for word in text.splitlines()[-1].split()[1:]] == [2.0, 3.0, 2.0, 3.0, 2.0]
-    assert table_unit(("g",), ("g",)) == "mm"
+    assert format_table_unit(("g",), ("g",)) == "mm"
 
 
 @pytest.mark.parametrize(
     ("unit", "there"), [("rad", "m"), ("N·m", "N"), ("N·m·s/rad", "N·s/m"), ("kg·m²", "kg"), ("s", "s"), ("", "")]
 )
 def test_an_effects_unit_is_that_of_its_joint(unit, there):
-    assert unit_at(unit, slide=True) == there and unit_at(unit, slide=False) == unit
+    assert convert_hinge_unit(unit, slide=True) == there and convert_hinge_unit(unit, slide=False) == unit
 
 
 def test_an_effects_file_says_metres_at_a_slide():
@@ -127,25 +127,25 @@ def test_a_slide_that_a_map_reads_as_an_angle_is_reported_and_the_remedy_works(t
     assert finding.message == (
         "g was read as an angle, and is a slide in the model; give it a length for a unit in the map (m, cm, mm)."
     )
-    features = {**angles.features, STATE: state_feature(("j", "g"), ("g",))}
+    features = {**angles.features, STATE: make_state_feature(("j", "g"), ("g",))}
     assert check(replace(angles, features=features), tmp_path / "arm.xml") == []
 
 
 def test_a_choice_among_models_is_not_the_hinges_alone():
     floor, slides = np.array([1e-3, 2e-3, 1e-5]), ("g",)
-    scales = mean_of_kind(floor, ("j", "k", "g"), slides)
+    scales = average_by_kind(floor, ("j", "k", "g"), slides)
     np.testing.assert_allclose(scales, [1.5e-3, 1.5e-3, 1e-5])
     good_slide, good_hinges = np.array([[3e-3, 3e-3, 1e-5]]) ** 2, np.array([[2e-3, 2e-3, 5e-3]]) ** 2
     evidence = SimpleNamespace(mean_squares=lambda predicted: predicted)
     assert rms(evidence, good_slide, scales) < rms(evidence, good_hinges, scales)
-    hinges = mean_of_kind(floor, ("j", "k", "g"), ())
+    hinges = average_by_kind(floor, ("j", "k", "g"), ())
     np.testing.assert_allclose(hinges, floor.mean())  # among joints of one kind the ranking is that of plain errors
 
 
 @pytest.mark.parametrize(("si", "cell"), [("rad", "5.730°"), ("m", "100.000 mm"), ("1", "10.000 %"), (None, "0.100")])
 def test_a_trainings_error_is_shown_in_its_unit(si, cell):
-    unit = None if si is None else display_unit(si)
+    unit = None if si is None else find_display_unit(si)
     rows = [{"update": 0.0, "validation": 0.1, "seconds": 1.0}]
-    section = models_section([ModelRun(Path("phi"), "delta", "arm", "0" * 64, unit, rows)])
+    section = make_models_section([ModelRun(Path("phi"), "delta", "arm", "0" * 64, unit, rows)])
     assert section.blocks[1].rows[0][1] == cell
     assert section.blocks[1].rows[0][1].split()[-1].strip("0123456789.") in section.blocks[0].caption

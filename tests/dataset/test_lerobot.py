@@ -19,8 +19,8 @@ from support.dataset_samples import recorded, same
 from support.lerobot_writing import create, open_dataset, record, resume
 
 from nas_data.dataset import layout
-from nas_data.dataset.content import content_hash
-from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, TIME, Feature, position_feature
+from nas_data.dataset.content import hash_content
+from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, TIME, Feature, make_position_feature
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.transitions import as_transitions
@@ -78,7 +78,7 @@ def test_lerobot_loads_windows_and_single_episodes(lerobot, tmp_path):
 
 def test_we_read_what_lerobot_wrote(by_lerobot):
     assert same(read(by_lerobot), recorded())
-    assert content_hash(read(by_lerobot)) == content_hash(recorded())
+    assert hash_content(read(by_lerobot)) == hash_content(recorded())
     assert [problem for problem in verify(by_lerobot) if "nas.json is missing" not in problem] == []
 
 
@@ -123,7 +123,7 @@ def test_a_merge_of_one_keeps_the_content_hash(lerobot, tmp_path):
     dataset = recorded()
     root = write(dataset, tmp_path / "d", SIMULATED)
     merge_datasets([open_dataset(lerobot, root)], "nas/merged", tmp_path / "merged")
-    assert content_hash(read(tmp_path / "merged")) == content_hash(dataset) == read_provenance(root).content_hash
+    assert hash_content(read(tmp_path / "merged")) == hash_content(dataset) == read_provenance(root).content_hash
 
 
 def test_lerobot_deletes_episodes_of_our_datasets(lerobot, tmp_path):
@@ -149,7 +149,7 @@ def test_a_position_only_recording_of_lerobot_is_usable(lerobot, tmp_path):
     target.finalize()
     usable, derived = as_transitions(read(tmp_path / "d"))
     assert usable.joints == ("shoulder", "elbow")
-    assert usable.features[ACTION] == position_feature(("shoulder", "elbow"))
+    assert usable.features[ACTION] == make_position_feature(("shoulder", "elbow"))
     assert usable.lengths.tolist() == [7, 5]
     assert np.array_equal(usable.next_states[:6], usable.states[1:7])
     assert set(derived) == {STATE, NEXT_STATE, ACTION}
@@ -174,7 +174,7 @@ def test_images_strings_and_matrices_are_left_out(lerobot, tmp_path):
     dataset = read(tmp_path / "d")
     assert list(dataset.features) == [STATE]
     assert dataset.states.tolist() == [[0, 0], [1, -1], [2, -2], [3, -3]]
-    left_out = layout.other_features(layout.read_info(tmp_path / "d"))
+    left_out = layout.describe_other_features(layout.read_info(tmp_path / "d"))
     assert set(left_out) == {"note", "observation.images.front", "grid"}
 
 

@@ -18,13 +18,13 @@ from support.version_samples import FEW, SIMULATED, original
 
 from nas_data.cli import main
 from nas_data.dataset import layout
-from nas_data.dataset.content import content_hash
+from nas_data.dataset.content import hash_content
 from nas_data.dataset.pack import MANIFEST, SUFFIX, pack
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.unpack import unpack
 from nas_data.dataset.verify import verify
-from nas_data.dataset.versions import list_versions, new_version
+from nas_data.dataset.versions import list_versions, write_version
 from nas_data.dataset.write import write
 from nas_data.errors import DatasetInvalid, DatasetNotFound, OptionError
 
@@ -33,10 +33,10 @@ from nas_data.errors import DatasetInvalid, DatasetNotFound, OptionError
 @given(any_dataset())
 def test_packing_keeps_content_and_provenance(dataset):
     with tempfile.TemporaryDirectory() as home:
-        root = new_version(dataset, "d", SIMULATED, Path(home) / "a", {"meta/source.xml": b"<mujoco/>"})
+        root = write_version(dataset, "d", SIMULATED, Path(home) / "a", {"meta/source.xml": b"<mujoco/>"})
         file, manifest = pack(root, Path(home) / "d.nas.tar")
         again = unpack(file, Path(home) / "b")
-        assert content_hash(read(again)) == content_hash(dataset) == manifest.content_hash
+        assert hash_content(read(again)) == hash_content(dataset) == manifest.content_hash
         assert read_provenance(again) == read_provenance(root)
         assert again.name == root.name
         assert {p.relative_to(again): p.read_bytes() for p in again.rglob("*") if p.is_file()} == {
@@ -86,7 +86,7 @@ def test_a_pack_is_never_written_over_a_file(packed, capsys):
 def test_unpacking_twice_gives_one_version(packed, capsys):
     assert main(["unpack", str(packed), "--folder", "mine", "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
-    assert answer["content_hash"] == content_hash(recorded())
+    assert answer["content_hash"] == hash_content(recorded())
     first = Path(answer["dataset"])
     stamp = (first / layout.INFO).stat().st_mtime_ns
     assert unpack(packed, Path("mine")) == first
@@ -96,8 +96,8 @@ def test_unpacking_twice_gives_one_version(packed, capsys):
 
 
 def test_a_number_that_is_taken_is_not_given_twice(packed):
-    new_version(recorded(seed=9), "arm", SIMULATED, Path("mine"))
-    assert unpack(packed, Path("mine")).name == f"v2-{content_hash(recorded())[:8]}"
+    write_version(recorded(seed=9), "arm", SIMULATED, Path("mine"))
+    assert unpack(packed, Path("mine")).name == f"v2-{hash_content(recorded())[:8]}"
 
 
 def test_files_get_the_time_of_their_unpacking(packed):
@@ -110,14 +110,14 @@ def test_a_dataset_without_provenance_is_packed_and_unpacked_once(folder):
     (root / layout.PROVENANCE).unlink()
     file, _ = pack(root)
     assert file == Path("by_lerobot.nas.tar")
-    assert unpack(file, folder) == unpack(file, folder) == folder / "by_lerobot" / f"v1-{content_hash(recorded())[:8]}"
+    assert unpack(file, folder) == unpack(file, folder) == folder / "by_lerobot" / f"v1-{hash_content(recorded())[:8]}"
 
 
 @functools.cache
 def small_pack() -> bytes:
     """Return the bytes of a pack of three rows."""
     with tempfile.TemporaryDirectory() as home:
-        root = new_version(recorded(lengths=(3,)), "arm", SIMULATED, Path(home) / "datasets")
+        root = write_version(recorded(lengths=(3,)), "arm", SIMULATED, Path(home) / "datasets")
         return pack(root, Path(home) / "x.nas.tar")[0].read_bytes()
 
 

@@ -16,13 +16,13 @@ from support.dataset_samples import recorded, same
 
 from nas_data.cli import main
 from nas_data.dataset import layout
-from nas_data.dataset.content import content_hash
+from nas_data.dataset.content import hash_content
 from nas_data.dataset.features import STATE
 from nas_data.dataset.provenance import Parent, Provenance, read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.recover import find_damaged, recover
 from nas_data.dataset.verify import verify
-from nas_data.dataset.versions import new_version, resolve
+from nas_data.dataset.versions import resolve, write_version
 from nas_data.dataset.write import write
 from nas_data.errors import DatasetInvalid, DatasetNotFound
 
@@ -51,11 +51,11 @@ def small_files(monkeypatch):
 @pytest.fixture
 def version(folder, small_files):
     """A version of twelve episodes, each in its own file."""
-    return new_version(EPISODES, "arm", SIMULATED, attachments={"meta/source.xml": b"x"})
+    return write_version(EPISODES, "arm", SIMULATED, attachments={"meta/source.xml": b"x"})
 
 
 def data_of(root, episode):
-    return layout.data_files(root)[episode]
+    return layout.list_data_files(root)[episode]
 
 
 def edit_json(path, **changes):
@@ -116,7 +116,7 @@ def test_the_episodes_before_a_lost_one_become_a_new_version(version, message, c
     assert same(read(made), EPISODES.select(range(4))) and verify(made) == []
     assert (made / "meta/source.xml").read_bytes() == b"x"
     provenance = read_provenance(made)
-    assert provenance.parents == (Parent(f"arm/{version.name}", content_hash(EPISODES)),)
+    assert provenance.parents == (Parent(f"arm/{version.name}", hash_content(EPISODES)),)
     assert (provenance.seeds, provenance.how) == ((3,), "edited")
     assert unchanged(version) == before
     assert main(["recover", str(version), "--beyond", "--name", "all"]) == 0
@@ -139,7 +139,7 @@ METADATA = {
     "tasks": lambda root: (root / layout.TASKS).unlink(),
     "broken tasks": _break(layout.TASKS),
     "episodes": lambda root: shutil.rmtree(root / "meta/episodes"),
-    "broken episodes": lambda root: layout.episode_files(root)[3].write_bytes(b"PAR1"),
+    "broken episodes": lambda root: layout.list_episode_files(root)[3].write_bytes(b"PAR1"),
     "stats": _break(layout.STATS),
     "provenance": _break(layout.PROVENANCE),
     "totals": lambda root: edit_json(root / layout.INFO, total_frames=9999, total_episodes=99),
@@ -156,7 +156,7 @@ def test_damaged_metadata_are_made_anew(version, damage):
     assert rescue.reports
     assert main(["recover", str(version)]) == 0
     made = resolve(Path("datasets/arm"))
-    assert made.name == f"v2-{content_hash(EPISODES)[:8]}" and verify(made) == []
+    assert made.name == f"v2-{hash_content(EPISODES)[:8]}" and verify(made) == []
     assert unchanged(version) == before
     assert main(["recover", str(version)]) == 0
     assert resolve(Path("datasets/arm")) == made  # what was rescued once is not written twice
@@ -164,7 +164,7 @@ def test_damaged_metadata_are_made_anew(version, damage):
 
 @pytest.mark.parametrize("damage", [lambda path: path.unlink(), lambda path: path.write_text('{"fps": 5')])
 def test_without_info_a_dataset_recorded_alike_is_needed(version, folder, damage, capsys):
-    alike = new_version(recorded(seed=7), "alike", SIMULATED)
+    alike = write_version(recorded(seed=7), "alike", SIMULATED)
     damage(version / layout.INFO)
     assert main(["recover", "datasets/arm"]) == 2
     assert "--like DATASET" in capsys.readouterr().err
@@ -243,7 +243,7 @@ def test_a_flipped_bit_is_never_passed_over_in_silence(data):
     with tempfile.TemporaryDirectory() as home:
         root = write(dataset, Path(home) / "d", SIMULATED)
         files = sorted(path for path in root.rglob("*.parquet"))
-        path = data.draw(st.sampled_from([*layout.data_files(root), *files]))
+        path = data.draw(st.sampled_from([*layout.list_data_files(root), *files]))
         content = bytearray(path.read_bytes())
         content[data.draw(st.integers(0, len(content) - 1))] ^= 1 << data.draw(st.integers(0, 7))
         path.write_bytes(content)
@@ -255,7 +255,7 @@ def test_a_flipped_bit_is_never_passed_over_in_silence(data):
         if rescue.derived is None:
             assert verify(root)
             return
-        assert path not in layout.data_files(root) or any(
+        assert path not in layout.list_data_files(root) or any(
             "was changed after nas wrote it" in report for report in rescue.reports
         )
         for place, episode in enumerate(rescue.kept):

@@ -15,7 +15,7 @@ from support.version_samples import FEW, SIMULATED, original
 
 from nas_data.cli import main
 from nas_data.dataset import layout
-from nas_data.dataset.content import content_hash
+from nas_data.dataset.content import hash_content
 from nas_data.dataset.derive_provenance import Original
 from nas_data.dataset.features import ACTION, SIM_STATE, STATE, Feature
 from nas_data.dataset.merge import merge
@@ -42,11 +42,11 @@ def test_a_merged_dataset_splits_into_what_it_was_merged_from(dataset, data):
     with tempfile.TemporaryDirectory() as home:
         originals = [Original.read(write(part, Path(home) / str(i), SIMULATED)) for i, part in enumerate(parts)]
         merged = merge(originals)
-        assert content_hash(merged.dataset) == content_hash(dataset)
+        assert hash_content(merged.dataset) == hash_content(dataset)
         root = write(merged.dataset, Path(home) / "m", merged.provenance, merged.attachments)
         for part, again in zip(parts, split(Original.read(root), range(cut)), strict=True):
-            assert content_hash(again.dataset) == content_hash(part)
-            assert again.provenance.parents == (Parent("m", content_hash(dataset)),)
+            assert hash_content(again.dataset) == hash_content(part)
+            assert again.provenance.parents == (Parent("m", hash_content(dataset)),)
 
 
 @FEW
@@ -173,7 +173,7 @@ def test_a_dataset_that_lost_its_provenance_gets_a_new_one_by_merging(folder, ca
     assert main(["merge", str(root)]) == 0
     assert "has no provenance" in capsys.readouterr().out
     (made,) = list_versions(Path("datasets/edited_by_lerobot"))
-    assert read_provenance(made).parents == (Parent("edited_by_lerobot", content_hash(recorded())),)
+    assert read_provenance(made).parents == (Parent("edited_by_lerobot", hash_content(recorded())),)
     assert verify(made) == [] and same(read(made), recorded())
 
 

@@ -13,7 +13,7 @@ from support.start_samples import seen
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.start_velocities import CLEAR, StartVelocities, find_start_velocities, fit_velocity
 from nas_data.gap.episode_batch import EpisodeBatch, cut_window
-from nas_data.pairing import initial_states
+from nas_data.pairing import read_initial_states
 
 QUANTUM = np.radians(0.29)  # [rad] XL-320
 RATES = (20, 30, 50, 100, 200, 500, 1000)  # [Hz]
@@ -181,8 +181,8 @@ def test_rollouts_start_where_evidence_does():
         evidence = EpisodeBatch.of(dataset)
         assert (evidence.initial_velocities == 0).all() == rested
         simulator = LinearSimulator(dataset.joints, np.eye(2), np.zeros((2, 1)))
-        assert np.array_equal(initial_states(dataset, None), evidence.initial)
-        assert np.array_equal(initial_states(dataset, simulator), evidence.initial)
+        assert np.array_equal(read_initial_states(dataset, None), evidence.initial)
+        assert np.array_equal(read_initial_states(dataset, simulator), evidence.initial)
 
 
 def test_episodes_of_no_rows_start_at_zero():

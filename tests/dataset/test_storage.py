@@ -19,7 +19,7 @@ from support.dataset_samples import any_dataset, recorded, same
 
 from nas_data.dataset import layout, staging
 from nas_data.dataset import write as writing
-from nas_data.dataset.content import content_hash
+from nas_data.dataset.content import hash_content
 from nas_data.dataset.features import ACTION, STATE, Feature
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
@@ -36,7 +36,7 @@ def test_what_is_written_is_read_back_to_the_last_bit(dataset):
         root = write(dataset, Path(folder) / "d", SIMULATED)
         again = read(root)
         assert same(dataset, again)
-        assert content_hash(again) == content_hash(dataset) == read_provenance(root).content_hash
+        assert hash_content(again) == hash_content(dataset) == read_provenance(root).content_hash
 
 
 def test_episodes_spread_over_many_files_are_read_in_order(tmp_path, monkeypatch):
@@ -44,8 +44,8 @@ def test_episodes_spread_over_many_files_are_read_in_order(tmp_path, monkeypatch
     monkeypatch.setattr(layout, "FILES_PER_CHUNK", 3)
     dataset = recorded(lengths=range(1, 12))
     root = write(dataset, tmp_path / "d", SIMULATED)
-    assert len({path.parent.name for path in layout.data_files(root)}) > 1
-    assert len(layout.episode_files(root)) > 1
+    assert len({path.parent.name for path in layout.list_data_files(root)}) > 1
+    assert len(layout.list_episode_files(root)) > 1
     assert same(dataset, read(root))
 
 
@@ -53,7 +53,7 @@ def test_rows_of_shuffled_files_are_put_in_the_order_of_their_episodes(tmp_path,
     monkeypatch.setattr(layout, "FILE_MEGABYTES", 1e-4)
     dataset = recorded()
     root = write(dataset, tmp_path / "d", SIMULATED)
-    first, *_, last = layout.data_files(root)
+    first, *_, last = layout.list_data_files(root)
     swap = tmp_path / "swap"
     first.rename(swap), last.rename(first), swap.rename(last)
     assert same(dataset, read(root))
@@ -61,7 +61,7 @@ def test_rows_of_shuffled_files_are_put_in_the_order_of_their_episodes(tmp_path,
 
 def test_each_episode_is_one_row_group(tmp_path):
     root = write(recorded(lengths=(4, 4, 9, 2)), tmp_path / "d", SIMULATED)
-    metadata = pq.read_metadata(layout.data_files(root)[0])
+    metadata = pq.read_metadata(layout.list_data_files(root)[0])
     assert [metadata.row_group(i).num_rows for i in range(metadata.num_row_groups)] == [4, 4, 9, 2]
 
 
@@ -69,7 +69,7 @@ def test_schema_metadata_is_what_hugging_face_datasets_writes(tmp_path):
     datasets = pytest.importorskip("datasets")
     dataset = recorded()
     root = write(dataset, tmp_path / "d", SIMULATED)
-    schema = pq.read_schema(layout.data_files(root)[0])
+    schema = pq.read_schema(layout.list_data_files(root)[0])
     widths = {key: (feature.width, feature.dtype) for key, feature in dataset.features.items()}
     widths |= {key: (1, dtype) for key, dtype in layout.AUTOMATIC.items()}
     features = datasets.Features(
@@ -124,12 +124,12 @@ def test_a_killed_writer_leaves_only_a_hidden_folder(tmp_path):
     run = subprocess.run([sys.executable, "-c", script, str(tmp_path), str(Path(__file__).parents[1])], check=False)
     assert run.returncode == -signal.SIGKILL
     assert not (tmp_path / "d").exists()
-    assert len(staging.leftovers(tmp_path, "d")) == 1
+    assert len(staging.find_leftovers(tmp_path, "d")) == 1
 
 
 def test_a_folder_being_written_is_no_leftover(tmp_path):
     with staging.staging_folder(tmp_path / "d"):
-        assert staging.leftovers(tmp_path) == []
+        assert staging.find_leftovers(tmp_path) == []
 
 
 @pytest.mark.parametrize("key", ["a/b", "observation.image_state", "frame_index", ""])
@@ -178,28 +178,28 @@ def _info(root, **changes):
 
 
 def _truncate(root):
-    file = layout.data_files(root)[0]
+    file = layout.list_data_files(root)[0]
     file.write_bytes(file.read_bytes()[:-100])
 
 
 def _drop_column(root):
-    file = layout.data_files(root)[0]
+    file = layout.list_data_files(root)[0]
     pq.write_table(pq.read_table(file).drop_columns([ACTION]), file)
 
 
 def _lose_rows(root):
-    file = layout.data_files(root)[0]
+    file = layout.list_data_files(root)[0]
     pq.write_table(pq.read_table(file).slice(0, 10), file)
 
 
 def _lose_episode(root):
-    file = layout.data_files(root)[0]
+    file = layout.list_data_files(root)[0]
     table = pq.read_table(file)
     pq.write_table(table.filter(pa.compute.not_equal(table["episode_index"], 1)), file)
 
 
 def _nan(root):
-    file = layout.data_files(root)[0]
+    file = layout.list_data_files(root)[0]
     table = pq.read_table(file)
     states = np.array(table[STATE].combine_chunks().flatten()).reshape(-1, 6)
     states[6, 2] = np.nan
@@ -208,7 +208,7 @@ def _nan(root):
 
 
 def _null(root):
-    file = layout.data_files(root)[0]
+    file = layout.list_data_files(root)[0]
     table = pq.read_table(file)
     column = pa.array([None] * len(table), table.schema.field(ACTION).type)
     pq.write_table(table.set_column(table.column_names.index(ACTION), ACTION, column), file)

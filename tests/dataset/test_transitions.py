@@ -10,7 +10,15 @@ from hypothesis import strategies as st
 from support.dataset_samples import recorded
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import ACTION, NEXT_STATE, SIM_STATE, STATE, Feature, position_feature, state_feature
+from nas_data.dataset.features import (
+    ACTION,
+    NEXT_STATE,
+    SIM_STATE,
+    STATE,
+    Feature,
+    make_position_feature,
+    make_state_feature,
+)
 from nas_data.dataset.transitions import as_transitions, estimate_velocities
 from nas_data.errors import DatasetInvalid, JointMismatch
 
@@ -46,7 +54,7 @@ def test_next_states_are_the_following_frames_of_the_same_episode():
         assert np.array_equal(done.next_states[after][:-1], done.states[after][1:])
         assert np.array_equal(done.commands[after], dataset.commands[before][:-1])
     assert {STATE, NEXT_STATE} <= derived.keys()
-    assert done.features[STATE] == state_feature(JOINTS) == done.features[NEXT_STATE]
+    assert done.features[STATE] == make_state_feature(JOINTS) == done.features[NEXT_STATE]
 
 
 @given(st.lists(st.floats(-3, 3), min_size=3, max_size=3), st.integers(3, 12), st.sampled_from([20.0, 100.0]))
@@ -89,7 +97,7 @@ def test_recorded_velocities_are_kept():
 
 def test_recorded_next_positions_are_kept_and_no_frame_is_dropped():
     full = recorded(lengths=(6, 4))
-    feature = position_feature(full.joints)
+    feature = make_position_feature(full.joints)
     dataset = full.with_column(STATE, feature, full.states[:, :3])
     dataset = dataset.with_column(NEXT_STATE, feature, full.next_states[:, :3])
     done, derived = as_transitions(dataset)

@@ -15,9 +15,9 @@ from nas_data.cli import main
 from nas_data.dataset import layout
 from nas_data.dataset.features import ACTION, SIM_STATE, STATE, TIME, Feature
 from nas_data.dataset.provenance import Parent, Provenance
-from nas_data.dataset.timing import late_readings
+from nas_data.dataset.timing import find_late_readings
 from nas_data.dataset.verify import examine, verify
-from nas_data.dataset.versions import new_version, parent_of, save
+from nas_data.dataset.versions import make_parent, save, write_version
 from nas_data.dataset.write import write
 
 RECORDED = Provenance(how="simulated", robot="ergojr", contiguous=True)
@@ -25,7 +25,7 @@ RECORDED = Provenance(how="simulated", robot="ergojr", contiguous=True)
 
 @pytest.fixture
 def root(tmp_path):
-    return new_version(recorded(lengths=(20, 30)), "arm", RECORDED, tmp_path)
+    return write_version(recorded(lengths=(20, 30)), "arm", RECORDED, tmp_path)
 
 
 def change_column(file, key, change):
@@ -36,7 +36,7 @@ def change_column(file, key, change):
 
 
 def data_file(root):
-    return layout.data_files(root)[0]
+    return layout.list_data_files(root)[0]
 
 
 def _flip_bit(root):
@@ -58,7 +58,7 @@ def _change_action(root):
 
 
 def _episode_length(root):
-    change_column(layout.episode_files(root)[0], "length", lambda column: pa.compute.add(column, 1))
+    change_column(layout.list_episode_files(root)[0], "length", lambda column: pa.compute.add(column, 1))
 
 
 def _stats(root):
@@ -84,7 +84,7 @@ DAMAGES = {
     "no complete episode table": lambda root: shutil.rmtree(root / "meta/episodes"),
     "another max of 'observation.state'": _stats,
     r"file-001\.parquet was added": lambda root: shutil.copy(
-        layout.episode_files(root)[0], layout.episode_files(root)[0].with_name("file-001.parquet")
+        layout.list_episode_files(root)[0], layout.list_episode_files(root)[0].with_name("file-001.parquet")
     ),
     "half-written": lambda root: data_file(root).write_bytes(b"PAR1 killed"),
     "is named v1-00000000": _rename,
@@ -148,7 +148,7 @@ def test_who_records_and_who_checks_take_the_same_rows_for_late(tmp_path, delay,
     times = due + np.where(np.arange(20) == 9, delay / 50, 0)
     notes = _written(tmp_path, _clock(recorded(lengths=(20,)), times)).notes
     assert any("the step before row" in note for note in notes) == bool(late)
-    assert late_readings(times - due, 1 / 50).sum() == late
+    assert find_late_readings(times - due, 1 / 50).sum() == late
 
 
 @pytest.mark.parametrize("contiguous", [True, False])
@@ -179,7 +179,7 @@ def paired_child(root):
     dataset = recorded(lengths=(20, 30))
     paired = dataset.with_column(SIM_STATE, dataset.features[STATE], dataset.next_states)
     source = {"name": "ergojr.xml", "engine": "mujoco"}
-    provenance = Provenance(how="paired", source=source, parents=(parent_of(root, dataset),))
+    provenance = Provenance(how="paired", source=source, parents=(make_parent(root, dataset),))
     return save(paired, provenance, parent=root)
 
 

@@ -11,11 +11,11 @@ from support.dataset_samples import recorded
 from support.version_samples import write_some
 
 from nas_data.dataset import versions
-from nas_data.dataset.content import content_hash
+from nas_data.dataset.content import hash_content
 from nas_data.dataset.layout import PROVENANCE
 from nas_data.dataset.provenance import Parent, Provenance, read_provenance
 from nas_data.dataset.read import read
-from nas_data.dataset.versions import identity, list_versions, new_version, parent_of, resolve, save
+from nas_data.dataset.versions import find_dataset_name, list_versions, make_parent, resolve, save, write_version
 from nas_data.dataset.write import write
 from nas_data.errors import DatasetInvalid, DatasetNotFound, OptionError
 
@@ -23,23 +23,23 @@ SIMULATED = Provenance(how="simulated", robot="ergojr")
 
 
 def test_versions_count_up_and_carry_their_content_hash(tmp_path):
-    first = new_version(recorded(seed=0), "arm", SIMULATED, tmp_path)
-    second = new_version(recorded(seed=1), "arm", SIMULATED, tmp_path)
-    assert first.name == f"v1-{content_hash(recorded(seed=0))[:8]}"
-    assert second.name == f"v2-{content_hash(recorded(seed=1))[:8]}"
+    first = write_version(recorded(seed=0), "arm", SIMULATED, tmp_path)
+    second = write_version(recorded(seed=1), "arm", SIMULATED, tmp_path)
+    assert first.name == f"v1-{hash_content(recorded(seed=0))[:8]}"
+    assert second.name == f"v2-{hash_content(recorded(seed=1))[:8]}"
     assert list_versions(tmp_path / "arm") == [first, second]
 
 
 def test_the_tenth_version_is_newer_than_the_ninth(tmp_path):
-    roots = [new_version(recorded(seed=seed, lengths=(2,)), "arm", SIMULATED, tmp_path) for seed in range(11)]
+    roots = [write_version(recorded(seed=seed, lengths=(2,)), "arm", SIMULATED, tmp_path) for seed in range(11)]
     assert resolve(tmp_path / "arm") == roots[-1]
 
 
 def test_equal_content_is_not_written_twice(tmp_path):
-    first = new_version(recorded(), "arm", SIMULATED, tmp_path)
+    first = write_version(recorded(), "arm", SIMULATED, tmp_path)
     before = (first / PROVENANCE).read_bytes()
-    new_version(recorded(seed=1), "arm", SIMULATED, tmp_path)
-    again = new_version(recorded(), "arm", Provenance(how="imported", notes="other"), tmp_path)
+    write_version(recorded(seed=1), "arm", SIMULATED, tmp_path)
+    again = write_version(recorded(), "arm", Provenance(how="imported", notes="other"), tmp_path)
     assert again == first
     assert (first / PROVENANCE).read_bytes() == before
     assert len(list((tmp_path / "arm").iterdir())) == 2
@@ -58,7 +58,7 @@ def test_processes_that_write_at_once_never_share_a_number(tmp_path):
 
 
 def test_a_version_made_from_another_lies_beside_it(tmp_path):
-    first = new_version(recorded(), "arm", SIMULATED, tmp_path)
+    first = write_version(recorded(), "arm", SIMULATED, tmp_path)
     second = save(recorded(seed=1), SIMULATED, parent=first)
     assert second.parent == first.parent
     assert save(recorded(seed=2), SIMULATED, parent=tmp_path / "arm").name.startswith("v3-")
@@ -72,7 +72,7 @@ def test_a_dataset_made_from_a_folder_elsewhere_goes_to_datasets(tmp_path, monke
 
 
 def test_a_parent_given_from_inside_its_folder_is_found(tmp_path, monkeypatch):
-    first = new_version(recorded(), "arm", SIMULATED, tmp_path)
+    first = write_version(recorded(), "arm", SIMULATED, tmp_path)
     monkeypatch.chdir(first)
     assert save(recorded(seed=1), SIMULATED, parent=Path()).resolve().parent == first.parent
     monkeypatch.chdir(first.parent)
@@ -86,7 +86,7 @@ def test_out_is_exactly_the_folder(tmp_path):
 @pytest.mark.parametrize("name", ["", "../up", "a/b", ".hidden"])
 def test_names_that_are_no_folder_are_refused(tmp_path, name):
     with pytest.raises(OptionError, match="name for a dataset"):
-        new_version(recorded(), name, SIMULATED, tmp_path)
+        write_version(recorded(), name, SIMULATED, tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -96,12 +96,12 @@ def test_a_folder_without_dataset_is_said_to_have_none(tmp_path):
 
 
 def test_provenance_names_datasets_without_paths(tmp_path):
-    root = new_version(recorded(), "arm", SIMULATED, tmp_path)
-    parent = parent_of(tmp_path / "arm", read(root))
-    assert parent == Parent(f"arm/{root.name}", content_hash(recorded()))
+    root = write_version(recorded(), "arm", SIMULATED, tmp_path)
+    parent = make_parent(tmp_path / "arm", read(root))
+    assert parent == Parent(f"arm/{root.name}", hash_content(recorded()))
     made = save(recorded(seed=1), Provenance(how="paired", parents=(parent,)), parent=root)
     assert str(tmp_path) not in "".join(path.read_text() for path in made.rglob("*.json"))
-    assert identity(write(recorded(), tmp_path / "plain", SIMULATED)) == "plain"
+    assert find_dataset_name(write(recorded(), tmp_path / "plain", SIMULATED)) == "plain"
 
 
 json_values = st.recursive(
@@ -165,8 +165,8 @@ def test_no_provenance_is_none(tmp_path):
 
 
 def test_version_folders_of_other_names_are_ignored(tmp_path):
-    root = new_version(recorded(), "arm", SIMULATED, tmp_path)
+    root = write_version(recorded(), "arm", SIMULATED, tmp_path)
     (tmp_path / "arm" / "v9-notahash").mkdir()
     (tmp_path / "arm" / "v9-00000000").mkdir()  # an empty folder is no version, but its number is taken
     assert versions.list_versions(tmp_path / "arm") == [root]
-    assert new_version(recorded(seed=1), "arm", SIMULATED, tmp_path).name.startswith("v10-")
+    assert write_version(recorded(seed=1), "arm", SIMULATED, tmp_path).name.startswith("v10-")

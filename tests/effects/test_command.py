@@ -6,7 +6,7 @@ from support.command_samples import done, nas
 from nas_data import registry
 from nas_data.effects.base import find_effect, make_effect
 
-NAMES = registry.names("effects")
+NAMES = registry.list_names("effects")
 
 
 def test_the_catalogue_has_a_line_for_each_effect_with_its_parameters():

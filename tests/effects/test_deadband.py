@@ -11,7 +11,7 @@ from support.effect_samples import SIGNALS, Lever, effect, rms_degrees, simulate
 
 from nas_data.effects.base import add_effects, parse
 from nas_data.effects.edits.servo import scale_damping, scale_stiffness
-from nas_data.envs.loop.randomised import RandomisedStepper, delay_line, largest_torque
+from nas_data.envs.loop.randomised import RandomisedStepper, compute_largest_torque, make_delay_line
 from nas_data.envs.loop.ranges import NOMINAL
 from nas_data.errors import ModelFileError
 from nas_data.simulators.initial_states import InitialLoad
@@ -181,7 +181,7 @@ def test_an_arm_that_leans_on_the_edge_of_a_dead_band_stays_there():
 def test_randomised_gains_are_those_of_the_whole_servo(tmp_path):
     """Passive actuators of a servo share its draw, its band keeps its width, its goal is no part of the robot."""
     doubled = dataclasses.replace(NOMINAL, gain=(2.0, 2.0))
-    stepper = RandomisedStepper(simulator(tmp_path, Lever(kv=0.02), BAND, delay_line()).stepper(1), doubled)
+    stepper = RandomisedStepper(simulator(tmp_path, Lever(kv=0.02), BAND, make_delay_line()).stepper(1), doubled)
     stepper.redraw([np.random.default_rng(0)])
     stronger = Lever(kv=0.04, kp=0.672)
     expected = simulator(tmp_path, stronger, BAND).stepper(1)
@@ -195,4 +195,6 @@ def test_randomised_gains_are_those_of_the_whole_servo(tmp_path):
 def test_the_largest_torque_of_a_servo_with_a_dead_band_is_its_own(tmp_path):
     """What randomised drag is a share of."""
     plain, banded = (simulator(tmp_path, Lever(), *effects).model for effects in ((), (BAND,)))
-    assert largest_torque(banded, "j") == pytest.approx(largest_torque(plain, "j")) == pytest.approx(0.208)
+    assert (
+        compute_largest_torque(banded, "j") == pytest.approx(compute_largest_torque(plain, "j")) == pytest.approx(0.208)
+    )

@@ -15,7 +15,7 @@ from support.typical_effects import JOINT, NAMES, OF_OBJECTS, TYPICAL, typical
 
 from nas_data.effects.base import Effect, add_effects, find_effect, from_json, make_effect, parse, read_effects
 from nas_data.errors import JointMismatch, ModelFileError, NasError, OptionError, UnknownName
-from nas_data.robots.base import actuated_joints, find_robot
+from nas_data.robots.base import find_robot, list_actuated_joints
 from nas_data.simulators.mujoco import MujocoSimulator
 
 TABLE = Path(__file__).parents[1] / "support/table.xml"  # where a puck can be pushed
@@ -110,7 +110,7 @@ def test_joints_and_actuators_keep_their_names_and_order(name):
     before = spec.compile()
     add_effects(spec, [typical(name)])
     model = spec.compile()
-    assert actuated_joints(spec) == robot.joints
+    assert list_actuated_joints(spec) == robot.joints
     assert model.nu == len(robot.joints)
     names = [model.actuator(i).name for i in range(model.nactuator)]
     assert names[: before.nactuator] == [before.actuator(i).name for i in range(before.nactuator)]

@@ -10,7 +10,7 @@ from support.effect_samples import PERIOD, SIGNALS, Lever, effect, rms_degrees, 
 from nas_data.effects.base import Effect, add_effects, make_effect
 from nas_data.effects.load_friction import PressedFriction
 from nas_data.errors import ModelFileError
-from nas_data.mjcf.actuator_lookup import driven_joint
+from nas_data.mjcf.actuator_lookup import find_driven_joint
 from nas_data.robots.base import find_robot
 from nas_data.simulators.lock_joints import lock_unmeasured_joints
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -141,7 +141,7 @@ def test_pads_in_an_arm_s_file_do_what_the_simulator_does(contacts, tmp_path):
 def test_a_model_with_pads_is_an_arm_like_any_other():
     """Its servos drive the same joints in the same order, and nothing of the pad counts as a joint of the arm."""
     spec = arm(*(pressed(0.3, joint) for joint in JOINTS), make_effect("joint_offset", "m3", {"offset": 0.03}))
-    assert [driven_joint(spec, actuator) for actuator in spec.actuators] == list(JOINTS)
+    assert [find_driven_joint(spec, actuator) for actuator in spec.actuators] == list(JOINTS)
     assert lock_unmeasured_joints(spec, JOINTS) == ()
 
 

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from nas_data import registry
-from nas_data.environment_ids import environment_id
+from nas_data.environment_ids import make_environment_id
 from nas_data.envs.base import find_task
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
 from nas_data.errors import OptionError
 
 NAME = "nas_data:nas/ErgoReacher-v0"
-TASKS = registry.names("envs")
+TASKS = registry.list_names("envs")
 BAD = {"nan": np.nan, "inf": np.inf, "-inf": -np.inf}
 
 
@@ -47,7 +47,7 @@ def test_worker_processes_make_environments_by_name(context):
 @pytest.mark.parametrize("task", TASKS)
 @pytest.mark.parametrize("again", [lambda env: pickle.loads(pickle.dumps(env)), copy.deepcopy])
 def test_a_pickled_environment_lives_through_the_same_episodes(task, again):
-    env = gymnasium.make(environment_id(task), dynamics=list(find_task(task).dynamics)[-1])
+    env = gymnasium.make(make_environment_id(task), dynamics=list(find_task(task).dynamics)[-1])
     env.reset(seed=1)
     env.step(env.action_space.sample())
     other = again(env)
@@ -65,7 +65,7 @@ def test_cloudpickle_takes_an_environment_with_its_dynamics():
 @pytest.mark.parametrize("task", TASKS)
 @pytest.mark.parametrize("bad", BAD)
 def test_an_action_that_is_not_finite_is_refused_and_moves_nothing(task, bad):
-    env = gymnasium.make(environment_id(task)).unwrapped
+    env = gymnasium.make(make_environment_id(task)).unwrapped
     env.reset(seed=0)
     before = env.arena.stepper.states
     action = np.zeros(env.action_space.shape)

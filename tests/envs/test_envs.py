@@ -14,7 +14,7 @@ from support.env_samples import play, small_model
 from support.first_order_arm import FirstOrderArm
 
 from nas_data import registry
-from nas_data.environment_ids import environment_id
+from nas_data.environment_ids import make_environment_id
 from nas_data.envs.base import find_task, find_task_file
 from nas_data.envs.ergo_reacher import ACTIVE, CENTRE, REACHED, RING, TASK
 from nas_data.envs.loop.arm_env import ArmEnv
@@ -23,14 +23,14 @@ from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.envs.loop.task_batch import TaskBatch
 from nas_data.errors import CheckpointError, JointMismatch, SimulationDiverged, UnknownName
 
-EVERY = [(task, dynamics) for task in registry.names("envs") for dynamics in find_task(task).dynamics]
+EVERY = [(task, dynamics) for task in registry.list_names("envs") for dynamics in find_task(task).dynamics]
 
 
 @pytest.mark.parametrize(("task", "dynamics"), EVERY)
 def test_both_checkers_pass_on_every_registered_environment_without_a_warning(task, dynamics):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        env = gymnasium.make(environment_id(task), dynamics=dynamics).unwrapped
+        env = gymnasium.make(make_environment_id(task), dynamics=dynamics).unwrapped
         check_gymnasium(env, skip_render_check=True)
         check_stable_baselines(env)
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from nas_data import registry
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
-from nas_data.envs.loop.randomised import RandomisedStepper, delay_line
+from nas_data.envs.loop.randomised import RandomisedStepper, make_delay_line
 from nas_data.envs.loop.ranges import NOMINAL, RANGES
 from nas_data.envs.loop.task_batch import TaskBatch
 from nas_data.errors import OptionError
@@ -20,7 +20,7 @@ from nas_data.policies.ppo import train
 from nas_data.simulators.base import RandomizedStepper
 from nas_data.simulators.mujoco import MujocoSimulator
 
-TASKS = registry.names("envs")
+TASKS = registry.list_names("envs")
 STEPS = 30
 
 
@@ -32,7 +32,9 @@ def nominal(task, size=3):
     """Simulations that are drawn anew, always the source itself."""
     plant = DynamicsSpec(task).task
     robot, _ = plant.body()
-    return RandomisedStepper(MujocoSimulator(robot, plant.period, plant.joints, (delay_line(),)).stepper(size), NOMINAL)
+    return RandomisedStepper(
+        MujocoSimulator(robot, plant.period, plant.joints, (make_delay_line(),)).stepper(size), NOMINAL
+    )
 
 
 def lived(task, stepper, seed=0, steps=STEPS, starts=1):

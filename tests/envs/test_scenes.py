@@ -23,7 +23,7 @@ from nas_data.models.augmented import LearnedStepper
 from nas_data.models.losses import FreeRunning, estimate_jacobians
 from nas_data.models.lstm import DynamicsModel
 from nas_data.models.training import ModelTraining
-from nas_data.pairing import object_warnings, pair, scene_states
+from nas_data.pairing import describe_missing_objects, pair, read_scene_states
 from nas_data.recorders.recipe import Recipe
 from nas_data.robots.base import find_robot
 from nas_data.simulators.base import Simulator
@@ -31,7 +31,7 @@ from nas_data.simulators.engines import load_simulator
 from nas_data.simulators.mujoco import MujocoSimulator
 
 TABLE = Path(__file__).parents[1] / "support/table.xml"
-SCENES = [name for name in registry.names("envs") if find_task(name).simulator().object_feature.width]
+SCENES = [name for name in registry.list_names("envs") if find_task(name).simulator().object_feature.width]
 
 
 def starts(task: Task, count: int) -> np.ndarray:
@@ -139,9 +139,9 @@ def test_pairing_equals_a_plain_loop_over_mj_step_bit_for_bit(paired):
 
 def test_a_source_without_the_dataset_s_objects_starts_from_its_reference_and_says_so(paired):
     dataset, source = read(paired), find_task("striker").simulator()
-    assert object_warnings(dataset, find_task("pusher").simulator()) == []
-    assert "lacks ball_y.pos" in object_warnings(dataset, source)[0]
-    np.testing.assert_array_equal(scene_states(dataset, source), dataset.states)
+    assert describe_missing_objects(dataset, find_task("pusher").simulator()) == []
+    assert "lacks ball_y.pos" in describe_missing_objects(dataset, source)[0]
+    np.testing.assert_array_equal(read_scene_states(dataset, source), dataset.states)
 
 
 def test_options_that_an_environment_brings_itself_are_refused(capsys):
@@ -222,7 +222,7 @@ def test_while_phi_runs_freely_objects_are_where_they_were_measured(name, dynami
     assert isinstance(training.phase, FreeRunning) and training.phase.jacobians is not None
     slopes = torch.cat(training.phase.jacobians)
     rows = training.split.train
-    states, simulated = scene_states(rows, simulator).astype(float), rows.sim_states.astype(float)
+    states, simulated = read_scene_states(rows, simulator).astype(float), rows.sim_states.astype(float)
     if simulator.remembers:
         simulated = simulator.predict(states, rows.commands)[:, : simulated.shape[1]]
     expected = estimate_jacobians(simulator, states, rows.commands, simulated)

@@ -27,7 +27,7 @@ from nas_data.studies.experiments.pipeline.authors import DIFFERENCES
 
 GENTLE = 0.3  # actions that throw no joint against its stop, which multiplies the last bits of a network's output
 CLOSE = {"atol": 1e-6, "rtol": 1e-5}  # rad and m; fast joints differ by more than 1e-6 rad/s in single precision
-TASKS = registry.names("envs")
+TASKS = registry.list_names("envs")
 
 
 def model_of(task: str, dynamics: str) -> mujoco.MjModel:
@@ -335,7 +335,7 @@ def test_a_touch_is_told_by_the_distance_of_sword_and_disc(forward, sideways):
     beside, before = max(abs(sideways) - 0.0235, 0), max(abs(forward) - 0.0025, 0)
     gap = np.hypot(beside, before) - 0.0035
     if abs(gap) > 2e-4:  # points along the sword are 5 mm apart
-        assert ergo_shield.touches(scene)[0] == (gap < 0)
+        assert ergo_shield.detect_touches(scene)[0] == (gap < 0)
 
 
 def test_a_hit_counts_once_parts_the_arms_and_gives_the_defender_another_pose():

@@ -11,7 +11,7 @@ from nas_data import registry
 from nas_data.errors import OptionError, UnknownName
 from nas_data.excitations.base import Excitation, find_excitation, make_excitation, parse
 
-NAMES = registry.names("excitations")
+NAMES = registry.list_names("excitations")
 LOW, HIGH = np.array([-1.5, -0.3, 0.2]), np.array([1.5, 0.1, 2.0])
 PERIOD = 0.01
 

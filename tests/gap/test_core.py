@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from support.evidence_samples import JOINTS, QUANTUM, commanded, measured
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.noise import median, noise_of_differences, quantum
+from nas_data.dataset.noise import estimate_noise, find_quantisation_step, median
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import resolve
 from nas_data.effects.base import parse
@@ -39,11 +39,11 @@ SAMPLE = Path(__file__).parents[2] / "datasets" / "ergojr_sample"
 @settings(max_examples=25, deadline=None)
 def test_quantum_of_rounded_readings_is_found(step: float, seed: int):
     readings = np.round(np.random.default_rng(seed).uniform(-1, 1, 3000) / step) * step
-    assert quantum(readings.astype(np.float32).astype(float)) == pytest.approx(step, rel=1e-3)
+    assert find_quantisation_step(readings.astype(np.float32).astype(float)) == pytest.approx(step, rel=1e-3)
 
 
 def test_unrounded_readings_have_no_quantum():
-    assert quantum(np.random.default_rng(0).uniform(-1, 1, 3000)) == 0
+    assert find_quantisation_step(np.random.default_rng(0).uniform(-1, 1, 3000)) == 0
 
 
 def test_floor_is_that_of_quantum_and_noise():
@@ -85,7 +85,7 @@ def test_a_floor_grows_smoothly_with_the_noise(noise: float, seed: int):
     slow = np.sin(np.linspace(0, 20, 3000)) * 0.3
     white = rng.standard_normal(3000)
     sizes = [
-        noise_of_differences([np.round((slow + share * noise * QUANTUM * white) / QUANTUM) * QUANTUM], 3, QUANTUM)
+        estimate_noise([np.round((slow + share * noise * QUANTUM * white) / QUANTUM) * QUANTUM], 3, QUANTUM)
         for share in (1, 1.02)
     ]
     assert abs(sizes[1] / sizes[0] - 1) < 0.1
@@ -97,13 +97,13 @@ def test_noise_of_a_joint_that_stands_still_is_not_taken_for_more(noise: float):
     rng = np.random.default_rng(0)
     poses = rng.uniform(-1, 1, (20, 1)) + noise * rng.standard_normal((20, 300))
     readings = list(np.round(poses) * QUANTUM)
-    assert 0 <= noise_of_differences(readings, 3, QUANTUM) < 1.1 * QUANTUM * np.hypot(1 / np.sqrt(12), noise)
+    assert 0 <= estimate_noise(readings, 3, QUANTUM) < 1.1 * QUANTUM * np.hypot(1 / np.sqrt(12), noise)
 
 
 def test_episodes_too_short_for_differences_say_nothing_of_noise():
     assert (
-        noise_of_differences([np.arange(4) * QUANTUM] * 3, 5, QUANTUM)
-        == noise_of_differences([np.arange(4) * 0.1] * 3, 5)
+        estimate_noise([np.arange(4) * QUANTUM] * 3, 5, QUANTUM)
+        == estimate_noise([np.arange(4) * 0.1] * 3, 5)
         == np.inf
     )
 

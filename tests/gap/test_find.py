@@ -10,7 +10,7 @@ import pytest
 from support.recording_samples import recorded_on, wander
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, TIME, Feature, time_feature
+from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, TIME, Feature, make_time_feature
 from nas_data.dataset.transitions import estimate_velocities
 from nas_data.effects.base import parse
 from nas_data.errors import DatasetInvalid
@@ -215,10 +215,10 @@ def test_rounding_is_not_taken_for_repeated_samples():
 
 def test_late_rows_and_other_rates_are_noticed():
     times = np.tile(np.arange(STEPS) / RATE, (EPISODES, 1))
-    even = recording().with_column(TIME, time_feature(), times.reshape(-1, 1))
+    even = recording().with_column(TIME, make_time_feature(), times.reshape(-1, 1))
     assert said(search(even), "timing")[1]
     times[3:5] *= 1.25
-    found = search(even.with_column(TIME, time_feature(), times.reshape(-1, 1)))
+    found = search(even.with_column(TIME, make_time_feature(), times.reshape(-1, 1)))
     finding, ok = said(found, "timing")
     assert not ok and "rows come at 80 Hz" in finding and f"2 of {EPISODES} episodes" in finding
     assert any("different rates" in sentence for sentence in found.undecidable)

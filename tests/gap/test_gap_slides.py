@@ -16,10 +16,10 @@ from nas_data.gap.nominal import Nominal
 from nas_data.gap.residual_correlates import find_residual_correlate
 from nas_data.gap.search.scales import estimate_scales
 from nas_data.gap.write_model import write_model
-from nas_data.joint_units import radians_at
+from nas_data.joint_units import compute_angle_scales
 from nas_data.models.jacobians import POSITION_STEP, estimate_jacobians
 from nas_data.simulators.controls import find_command
-from nas_data.simulators.limits import excitable_limits
+from nas_data.simulators.limits import find_excitable_limits
 
 PERIOD, REACH = 0.02, 0.04  # [s], [m] range of the slide
 ARM = """<mujoco><compiler angle="radian" autolimits="true"/><option timestep="0.002" integrator="implicitfast"/>
@@ -128,7 +128,7 @@ def test_a_slides_direction_is_told_at_its_own_speeds():
 
 def test_a_slow_triangle_takes_a_slide_as_long_to_cross_as_a_hinge():
     low, high = np.array([-np.pi / 2, -REACH / 2]), np.array([np.pi / 2, REACH / 2])
-    radians = radians_at(("j", "g"), ("g",), high - low)
+    radians = compute_angle_scales(("j", "g"), ("g",), high - low)
     drawn = Triangle(speed=0.5, share=1.0).commands(np.random.default_rng(0), 4, 400, PERIOD, low, high, radians)
     speeds = np.abs(np.diff(drawn, axis=1)).max(axis=(0, 1)) / PERIOD
     assert speeds[1] / REACH == pytest.approx(speeds[0] / np.pi, rel=0.5)
@@ -137,6 +137,6 @@ def test_a_slow_triangle_takes_a_slide_as_long_to_cross_as_a_hinge():
 def test_a_slide_without_a_range_is_not_driven_by_a_metre_and_the_remedy_works():
     low, high = np.array([-np.inf] * 2), np.array([np.inf] * 2)
     with pytest.raises(OptionError, match=r"^The slide g has no range; give its joint one in the model"):
-        excitable_limits(low, high, ("j", "g"), (".pos", ".pos"), ("g",))
+        find_excitable_limits(low, high, ("j", "g"), (".pos", ".pos"), ("g",))
     low[1], high[1] = -0.02, 0.02
-    assert excitable_limits(low, high, ("j", "g"), (".pos", ".pos"), ("g",))[1].tolist() == [np.pi / 2, 0.02]
+    assert find_excitable_limits(low, high, ("j", "g"), (".pos", ".pos"), ("g",))[1].tolist() == [np.pi / 2, 0.02]

@@ -11,7 +11,7 @@ import pytest
 from nas_data.benchmarks.blind.benchmark import run_cases, tell
 from nas_data.benchmarks.blind.case import Identity
 from nas_data.benchmarks.blind.run_case import Judge
-from nas_data.benchmarks.blind.tables import median, rest, share
+from nas_data.benchmarks.blind.tables import compute_rest, compute_share, median
 from nas_data.commands.benchmark_gap import investigate
 from nas_data.gap import workflow
 
@@ -106,7 +106,7 @@ def test_no_small_case_is_surely_wrong(small):
 def test_small_cases_have_models_that_predict_as_well_as_who_knows_the_answer(small):
     """Short episodes leave more than the floor even then: how they began is seen only through the sensors."""
     assert not [record["fault"] for record in small if "fault" in record]
-    assert median(rest(record) / rest(record, "least") for record in inside(small)) <= 1.2
+    assert median(compute_rest(record) / compute_rest(record, "least") for record in inside(small)) <= 1.2
 
 
 def test_a_bar_is_missed_by_who_is_sure_and_wrong(small):
@@ -139,6 +139,6 @@ def test_twenty_four_drawn_cases_keep_every_bar(large):
     assert not surely_wrong(large)
     assert not [tell(record) for record in of_family(large, "none") if record["named"]]
     assert not [tell(record) for record in of_family(large, "outside") if record["verdict"] == "explained"]
-    assert median(rest(record) for record in known) <= 1.2
+    assert median(compute_rest(record) for record in known) <= 1.2
     intervals = [entry["covered"] for record in known for entry in record["parameters"]]
-    assert share(covered for covered in intervals if covered is not None) >= 0.85
+    assert compute_share(covered for covered in intervals if covered is not None) >= 0.85

@@ -24,9 +24,9 @@ from nas_data.gap.search.hypothesis import (
     PRICE,
     Description,
     Hypothesis,
-    effect_price,
+    compute_effect_price,
     excited_joints,
-    joints_beyond_prior,
+    find_joints_beyond_prior,
     reuse_jacobian,
 )
 from nas_data.gap.search.objective import FitTask
@@ -124,7 +124,7 @@ def test_a_shared_value_costs_once_and_each_effect_of_its_own_once(data: st.Data
     effects = [f"deadband:joint=j{number},half_width=0.02" for number in joints]
     freed = data.draw(st.sets(st.sampled_from(["j1.gain", "j2.gain", "j1.armature"])))
     own, alike = described(*effects, freed=freed), described(*effects, freed=freed, shared=["deadband"])
-    one = effect_price(parse(effects[0]))
+    one = compute_effect_price(parse(effects[0]))
     assert own.price == pytest.approx(PRICE * len(freed) + len(joints) * one)
     assert alike.price == pytest.approx(PRICE * len(freed) + one)
     assert own.without_effect(0).price == pytest.approx(own.price - one)
@@ -135,9 +135,11 @@ def test_more_parameters_cost_more_and_so_does_what_no_model_file_expresses():
     friction = parse("coulomb_friction:joint=m2,torque=0.02")
     stribeck = parse("stribeck_friction:joint=m2,torque=0.02,kinetic_ratio=0.5,stribeck_velocity=0.3")
     load = parse("load_friction:joint=m2,ratio=0.2")
-    assert effect_price(friction) < effect_price(load) and effect_price(friction) < effect_price(stribeck)
+    assert compute_effect_price(friction) < compute_effect_price(load) and compute_effect_price(
+        friction
+    ) < compute_effect_price(stribeck)
     assert not load.in_model
-    costs = [effect_price(parse(text)) for text in DRY]
+    costs = [compute_effect_price(parse(text)) for text in DRY]
     assert costs == [PRICE] * 3
 
 
@@ -151,8 +153,8 @@ def test_what_an_effect_replaces_is_not_fitted_beside_it(task: FitTask):
 
 
 def test_every_move_has_a_name_and_a_sentence():
-    for name in registry.names("gap.search.moves"):
-        module = registry.module("gap.search.moves", name, "move")
+    for name in registry.list_names("gap.search.moves"):
+        module = registry.import_plugin("gap.search.moves", name, "move")
         assert module.__doc__ and module.apply.__doc__
 
 
@@ -171,8 +173,8 @@ def retuned(factors: dict[str, float]) -> Hypothesis:
 
 def test_a_parameter_of_the_model_that_goes_too_far_is_seen():
     near, far = retuned({"m2.gain": 1.06}), retuned({"m2.gain": 1.24})
-    assert joints_beyond_prior(near) == set()
-    assert joints_beyond_prior(far) == {"m2"}
+    assert find_joints_beyond_prior(near) == set()
+    assert find_joints_beyond_prior(far) == {"m2"}
 
 
 def test_friction_may_be_less_than_the_models_own_and_hardly_more():

@@ -35,7 +35,7 @@ from nas_data.gap.search.search import Search
 from nas_data.recorders.recipe import Recipe
 
 FLOOR = np.full(6, QUANTUM / np.sqrt(12))
-MOVES = registry.names("gap.search.moves")
+MOVES = registry.list_names("gap.search.moves")
 DEAR = {"add", "swap", "replace_by_rival"}  # which tests of their own show to improve a hypothesis
 VISCOUS, DRY = "viscous_friction:joint=j2,coefficient=0.03", "coulomb_friction:joint=j1,torque=0.03"
 BAND = "deadband:joint=j1,half_width=0.02"

@@ -10,7 +10,7 @@ from support.evidence_samples import commanded
 from nas_data.effects.base import parse
 from nas_data.gap import side_by_side as module
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.side_by_side import shares_cores, side_by_side
+from nas_data.gap.side_by_side import is_sharing_cores, map_in_parallel
 from nas_data.mjcf.engine_warnings import collect_warnings
 
 
@@ -20,11 +20,13 @@ def two_cores(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_results_keep_their_order_and_work_spreads_once():
-    seen = side_by_side(lambda item: (item, shares_cores(), side_by_side(lambda inner: inner + item, [1, 2])), range(9))
+    seen = map_in_parallel(
+        lambda item: (item, is_sharing_cores(), map_in_parallel(lambda inner: inner + item, [1, 2])), range(9)
+    )
     assert [item for item, _, _ in seen] == list(range(9))
     assert all(shares for _, shares, _ in seen)
     assert [inner for _, _, inner in seen] == [[1 + item, 2 + item] for item in range(9)]
-    assert not shares_cores()
+    assert not is_sharing_cores()
 
 
 def test_an_error_reaches_the_caller():
@@ -32,14 +34,14 @@ def test_an_error_reaches_the_caller():
         raise ValueError(f"item {item}")
 
     with pytest.raises(ValueError, match="item 0"):
-        side_by_side(fail, range(3))
+        map_in_parallel(fail, range(3))
 
 
 def test_rollouts_are_the_same_to_the_bit():
     evidence = commanded()
     nominal = Nominal.load("ergojr", evidence)
     effects = [parse(f"coulomb_friction:joint=m{joint},torque=0.02") for joint in (2, 3, 4, 5)]
-    together = side_by_side(lambda effect: nominal.predict(evidence, [effect]), effects)
+    together = map_in_parallel(lambda effect: nominal.predict(evidence, [effect]), effects)
     assert all(
         np.array_equal(nominal.predict(evidence, [effect]), found)
         for effect, found in zip(effects, together, strict=True)

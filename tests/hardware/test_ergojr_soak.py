@@ -28,9 +28,9 @@ from nas_data.hardware.virtual_bus import ports
 from nas_data.hardware.virtual_bus.options import Options
 from nas_data.hardware.virtual_bus.process import VirtualBus
 from nas_data.hardware.xl320.arm import Xl320Arm
-from nas_data.hardware.xl320.ergojr import ergojr_joints
+from nas_data.hardware.xl320.ergojr import make_ergojr_joints
 
-JOINTS = ergojr_joints()
+JOINTS = make_ergojr_joints()
 FAULTS = 10_000
 KILLS = 100
 CYCLES, PER_SECOND = 3000, 300

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from nas_data.hardware.virtual_bus.arm import MountedServo, VirtualArm
 from nas_data.hardware.virtual_bus.chain import ServoChain
-from nas_data.hardware.virtual_bus.feetech_packet import FeetechPacket, FeetechReader, decode, status
+from nas_data.hardware.virtual_bus.feetech_packet import FeetechPacket, FeetechReader, decode, encode_status
 from nas_data.hardware.virtual_bus.kinds.base import Reason, find_kind
 from nas_data.hardware.virtual_bus.kinds.sts3215 import (
     ACCELERATION_UNIT,
@@ -69,10 +69,10 @@ def ask(chain: ServoChain, identity: int, instruction: int, parameters: str = ""
 
 
 def test_servos_answer_as_the_manual_says(chain):
-    assert ask(chain, 2, 0x01) == [status(2)]
-    assert ask(chain, 2, 0x02, "03 02") == [status(2, 0, (777).to_bytes(2, "little"))]
-    assert ask(chain, 1, 0x03, "2A 00 08") == [status(1)]
-    assert ask(chain, 1, 0x02, "2A 02") == [status(1, 0, bytes([0, 8]))]
+    assert ask(chain, 2, 0x01) == [encode_status(2)]
+    assert ask(chain, 2, 0x02, "03 02") == [encode_status(2, 0, (777).to_bytes(2, "little"))]
+    assert ask(chain, 1, 0x03, "2A 00 08") == [encode_status(1)]
+    assert ask(chain, 1, 0x02, "2A 02") == [encode_status(1, 0, bytes([0, 8]))]
     assert [content[2] for content in ask(chain, 254, 0x82, "2A 02 03 01")] == [3, 1]
     assert [content[2] for content in ask(chain, 254, 0x82, "2A 02 01 07 03")] == [1], "a missing one ends it"
     assert ask(chain, 254, 0x83, "2A 02 01 00 04 03 00 02") == []

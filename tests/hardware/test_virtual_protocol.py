@@ -6,8 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nas_data.hardware.virtual_bus.chain import ServoChain
-from nas_data.hardware.virtual_bus.crc import crc16
-from nas_data.hardware.virtual_bus.packet import Instruction, Packet, Protocol2Reader, decode, status, stuff, unstuff
+from nas_data.hardware.virtual_bus.crc import compute_crc16
+from nas_data.hardware.virtual_bus.packet import (
+    Instruction,
+    Packet,
+    Protocol2Reader,
+    decode,
+    encode_status,
+    stuff,
+    unstuff,
+)
 from nas_data.hardware.virtual_bus.servo import VirtualServo
 from nas_data.hardware.virtual_bus.wire import collide, transmit
 
@@ -61,7 +69,7 @@ def test_the_manuals_examples_are_written_and_read_byte_for_byte(name):
 
 @given(st.binary(max_size=200))
 def test_the_checksum_is_that_of_the_sdk(data):
-    assert crc16(data) == dynamixel_sdk.Protocol2PacketHandler().updateCRC(0, data, len(data))
+    assert compute_crc16(data) == dynamixel_sdk.Protocol2PacketHandler().updateCRC(0, data, len(data))
 
 
 @given(contents | st.binary(max_size=200))
@@ -112,7 +120,7 @@ class Line:
 
 @given(identities, st.integers(0, 255), st.binary(max_size=60))
 def test_the_sdk_understands_our_answers(identity, error, data):
-    found, result = dynamixel_sdk.Protocol2PacketHandler().rxPacket(Line(status(identity, error, data)), False)
+    found, result = dynamixel_sdk.Protocol2PacketHandler().rxPacket(Line(encode_status(identity, error, data)), False)
     assert result == dynamixel_sdk.COMM_SUCCESS
     assert found[4] == identity
     assert found[8] == error

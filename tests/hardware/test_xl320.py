@@ -21,10 +21,10 @@ from nas_data.hardware.xl320.arm import Reading, Xl320Arm
 from nas_data.hardware.xl320.calibration import default_path, read_calibration, write_calibration
 from nas_data.hardware.xl320.configuration import Configuration
 from nas_data.hardware.xl320.control_table import REGISTERS
-from nas_data.hardware.xl320.ergojr import ergojr_joints
+from nas_data.hardware.xl320.ergojr import make_ergojr_joints
 from nas_data.hardware.xl320.units import CENTRE, SPEED_UNIT, TICK, decode_sign_magnitude, encode_sign_magnitude
 
-JOINTS = ergojr_joints()
+JOINTS = make_ergojr_joints()
 BOUND = 3.0  # [s] within which every refusal has come, on a machine that does other things
 FAST = Configuration(speed=0.0)
 
@@ -452,7 +452,7 @@ def test_a_pose_far_from_zero_is_no_calibration(folder, capsys):
 def test_a_virtual_arm_leaves_the_zeros_of_a_real_one_alone(folder, capsys):
     path = default_path("ergojr", "ergojr")
     path.parent.mkdir(parents=True)
-    write_calibration(path, ergojr_joints((50,) * 6))
+    write_calibration(path, make_ergojr_joints((50,) * 6))
     before = path.read_bytes()
     code, _, err = run(capsys, "--port", "virtual", "--fault", "zeroed", "--calibrate")
     assert code == 2
@@ -501,7 +501,7 @@ def test_bad_input_costs_one_sentence(folder, capfd, options, words):
 # Faults
 
 
-@pytest.mark.parametrize("name", registry.names("hardware.virtual_bus.faults"))
+@pytest.mark.parametrize("name", registry.list_names("hardware.virtual_bus.faults"))
 def test_each_fault_says_what_it_is(name):
     fault = parse(name)
     assert type(fault) is find_fault(name)

@@ -401,7 +401,7 @@ FIRES = {
 
 
 def test_every_audit_of_the_folder_has_a_test_in_which_it_fires():
-    assert set(registry.names("dataset.audits")) == set(FIRES)
+    assert set(registry.list_names("dataset.audits")) == set(FIRES)
     assert all(name in globals() and find_audit(audit_name).check for audit_name, name in FIRES.items())
 
 

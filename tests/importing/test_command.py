@@ -9,7 +9,7 @@ from support.import_samples import columns_of, map_text, motion, write_log, writ
 
 from nas_data.cli import main
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, position_feature
+from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, make_position_feature
 from nas_data.dataset.layout import PROVENANCE
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
@@ -59,7 +59,7 @@ def test_json_lists_the_audit_by_row(here, capsys):
 def test_a_dataset_of_lerobots_needs_no_map(here, capsys):
     joints = ("shoulder", "elbow")
     moved = np.cumsum(np.full((40, 2), 0.01), axis=0).astype(np.float32)
-    features = {key: position_feature(joints) for key in (STATE, ACTION)}
+    features = {key: make_position_feature(joints) for key in (STATE, ACTION)}
     columns = {STATE: moved, ACTION: moved + np.float32(0.02)}
     lerobots = Dataset(features=features, columns=columns, lengths=np.array([20, 20]), fps=50.0, tasks=("wave",) * 2)
     write(lerobots, here / "wave", Provenance(how="simulated"))

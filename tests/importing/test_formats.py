@@ -22,7 +22,7 @@ from support.import_samples import (
     write_map,
 )
 
-from nas_data.dataset.content import content_hash
+from nas_data.dataset.content import hash_content
 from nas_data.errors import LogError, MapError
 from nas_data.importing.formats import read_table
 from nas_data.importing.layout import LogLayout
@@ -105,7 +105,7 @@ def test_any_format_and_unit_imports_to_the_same_dataset(position, command, velo
             )
             datasets.append(import_logs([log], load_map(write_map(Path(name), text))).dataset)
     first = datasets[0]
-    assert all(content_hash(dataset) == content_hash(first) for dataset in datasets[1:])
+    assert all(hash_content(dataset) == hash_content(first) for dataset in datasets[1:])
     np.testing.assert_allclose(first.states, np.hstack([truth.position, truth.velocity])[:-1], atol=2e-6)
     np.testing.assert_allclose(first.next_states, np.hstack([truth.position, truth.velocity])[1:], atol=2e-6)
     np.testing.assert_allclose(first.commands, truth.command[:-1], atol=2e-6)

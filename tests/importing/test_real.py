@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from support.import_samples import REALDATA, write_map
 
-from nas_data.dataset.content import content_hash
+from nas_data.dataset.content import hash_content
 from nas_data.errors import LogError
 from nas_data.importing.map_file import MAPS, load_map
 from nas_data.recorders.logs import import_logs
@@ -205,7 +205,7 @@ def test_the_pendulum_without_resampling_is_uneven_where_the_torque_is_off(tmp_p
 
 def test_importing_again_gives_the_same_content(pendulum):
     again = import_logs([XL330], load_map("xl330_json"))
-    assert content_hash(again.dataset) == content_hash(pendulum.dataset)
+    assert hash_content(again.dataset) == hash_content(pendulum.dataset)
 
 
 def test_a_json_file_that_is_no_log_is_refused():

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from support.import_samples import RATE, columns_of, map_text, motion, sample_map, write_log, write_map
 
 from nas_data.dataset.recording import Recording
-from nas_data.dataset.rows import TextLines, rows_text, spans
+from nas_data.dataset.rows import TextLines, find_row_spans, format_rows
 from nas_data.errors import LogError, MapError
 from nas_data.importing.formats import read_table
 from nas_data.importing.joining import match_rows
@@ -241,8 +241,8 @@ def test_each_next_state_is_the_following_state(tmp_path):
 @given(rows=st.sets(st.integers(0, 60), min_size=1))
 def test_spans_say_the_same_rows(rows):
     ordered = sorted(rows)
-    assert [row for first, last in spans(ordered) for row in range(first, last + 1)] == ordered
-    text = rows_text(ordered)
+    assert [row for first, last in find_row_spans(ordered) for row in range(first, last + 1)] == ordered
+    text = format_rows(ordered)
     assert text.startswith("row " if len(ordered) == 1 else "rows ")
     assert str(ordered[0]) in text
 
@@ -292,11 +292,11 @@ def test_no_line_is_named_where_a_row_takes_several(tmp_path):
 
 def test_rows_in_several_places_are_named_with_their_lines(tmp_path):
     lines = TextLines(two_files(tmp_path) / "state.csv", 120)
-    assert rows_text([3, 4, 5, 9], lines) == "rows 3–5, 9 (lines 5–7, 11 of state.csv)"
-    assert rows_text(range(0, 12, 2), lines) == (
+    assert format_rows([3, 4, 5, 9], lines) == "rows 3–5, 9 (lines 5–7, 11 of state.csv)"
+    assert format_rows(range(0, 12, 2), lines) == (
         "rows 0, 2, 4, 6, 8 and 1 more place (lines 2, 4, 6, 8, 10 … of state.csv)"
     )
-    assert rows_text(range(0, 14, 2)) == "rows 0, 2, 4, 6, 8 and 2 more places (counted from 0)"
+    assert format_rows(range(0, 14, 2)) == "rows 0, 2, 4, 6, 8 and 2 more places (counted from 0)"
 
 
 def test_rows_keep_their_number_where_those_of_another_publisher_are_left_out(tmp_path):

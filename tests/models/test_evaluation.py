@@ -14,14 +14,14 @@ from support.simulator_samples import motors
 
 from nas_data import open_loop
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, position_feature, state_feature
+from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, make_position_feature, make_state_feature
 from nas_data.errors import JointMismatch
-from nas_data.metrics import Errors, table
+from nas_data.metrics import Errors, format_error_table
 from nas_data.models import evaluation as evaluation_module
 from nas_data.models.evaluation import Evaluation, evaluate
 from nas_data.pairing import pair
 from nas_data.simulators.mujoco import MujocoSimulator
-from nas_data.typed_json import finite
+from nas_data.typed_json import make_finite
 
 ARM = LinearSimulator(("a", "b"), a=0.5 * np.eye(4), b=np.zeros((4, 2)))  # every step halves the state
 
@@ -29,7 +29,11 @@ ARM = LinearSimulator(("a", "b"), a=0.5 * np.eye(4), b=np.zeros((4, 2)))  # ever
 def tiny() -> Dataset:
     """Two joints, episodes of two frames and of one, numbers that can be checked by eye."""
     joints = ("a", "b")
-    features = {STATE: state_feature(joints), ACTION: position_feature(joints), NEXT_STATE: state_feature(joints)}
+    features = {
+        STATE: make_state_feature(joints),
+        ACTION: make_position_feature(joints),
+        NEXT_STATE: make_state_feature(joints),
+    }
     columns = {
         STATE: np.array([[0.0, 0.0, 0, 0], [1.0, 0.0, 0, 0], [4.0, 2.0, 0, 0]], np.float32),
         NEXT_STATE: np.array([[1.0, 0.0, 9, 9], [3.0, 0.0, 9, 9], [4.0, 3.0, 9, 9]], np.float32),
@@ -132,16 +136,16 @@ def test_the_source_is_rolled_out_without_much_padding_and_to_the_same_bits(monk
     monkeypatch.setattr(
         simulator, "rollout_settled", lambda first, commands: rows.append(commands.shape) or roll(first, commands)
     )
-    together = open_loop.open_loop_source(dataset, simulator)
+    together = open_loop.roll_out_source(dataset, simulator)
     assert sum(size * steps for size, steps, _ in rows) == dataset.lengths.sum() + 2  # 40 and 38 are one batch
     for episode, states in enumerate(together):
-        (alone,) = open_loop.open_loop_source(dataset.select([episode]), simulator)
+        (alone,) = open_loop.roll_out_source(dataset.select([episode]), simulator)
         np.testing.assert_array_equal(states, alone)
 
 
 @given(lengths=st.lists(st.integers(1, 100), min_size=1, max_size=200))
 def test_each_episode_is_in_one_batch_of_its_like(lengths):
-    groups = open_loop.like_lengths(np.array(lengths))
+    groups = open_loop.group_by_length(np.array(lengths))
     assert sorted(episode for group in groups for episode in group) == list(range(len(lengths)))
     for group in groups:
         of_group = [lengths[episode] for episode in group]
@@ -226,7 +230,7 @@ def test_a_model_that_runs_away_is_reported_and_spoils_nothing_else():
     model = network("forward", ("a", "b"))
     model.get_buffer("output_std").fill_(1e30)
     result = evaluate(tiny(), ARM, model)
-    content = json.loads(json.dumps(finite(result.to_json()), allow_nan=False))
+    content = json.loads(json.dumps(make_finite(result.to_json()), allow_nan=False))
     assert content["open_loop"]["ψ"]["overall"] is None or content["open_loop"]["ψ"]["overall"] > 1e20
     assert content["open_loop"]["hold"] == evaluate(tiny(), ARM, None).to_json()["open_loop"]["hold"]
     assert "ψ" in result.text()
@@ -238,7 +242,7 @@ def test_tables_are_in_degrees_and_name_every_joint_and_predictor():
         "source": Errors.of(("shoulder", "b"), [np.radians([[3.0, 4.0]] * 4)], measured),
         "source + φ": Errors.of(("shoulder", "b"), [np.radians([[1.0, 0.0]] * 4)], measured),
     }
-    lines = table(errors, "Open loop").splitlines()
+    lines = format_error_table(errors, "Open loop").splitlines()
     assert "[deg]" in lines[0]
     assert lines[1].split()[:2] == ["shoulder", "b"]
     assert [float(word) for word in lines[2].split()[1:]] == pytest.approx(
@@ -297,7 +301,11 @@ def runaway(joints: tuple[str, ...] = ("a", "b")):
 def long_and_short() -> Dataset:
     """Two joints, an episode of 20 frames that starts away from zero, and one of 3 that starts there."""
     joints = ("a", "b")
-    features = {STATE: state_feature(joints), ACTION: position_feature(joints), NEXT_STATE: state_feature(joints)}
+    features = {
+        STATE: make_state_feature(joints),
+        ACTION: make_position_feature(joints),
+        NEXT_STATE: make_state_feature(joints),
+    }
     states = np.zeros((23, 4), np.float32)
     states[0] = 1
     return Dataset(features, {STATE: states, NEXT_STATE: states, ACTION: states[:, :2]}, np.array([20, 3]), 50.0)
@@ -314,7 +322,7 @@ def test_a_model_that_diverges_is_said_to_by_episode_and_time():
     rows = result.episodes_text().splitlines()
     assert rows[2].split()[:2] == ["0", "diverged"]
     assert rows[3].split()[:2] == ["1", "0.000"]
-    content = json.loads(json.dumps(finite(result.to_json()), allow_nan=False))
+    content = json.loads(json.dumps(make_finite(result.to_json()), allow_nan=False))
     assert content["open_loop"]["ψ"]["overall"] is None
     assert content["diverged"] == {"ψ": [{"episode": 0, "after_s": pytest.approx(0.12)}]}
 
@@ -335,7 +343,7 @@ def test_torch_has_one_thread_while_models_are_evaluated(monkeypatch):
     try:
         evaluate(tiny(), ARM, silent(network("delta", ("a", "b"))))
         assert set(seen) == {1}
-        evaluation_module.open_loop_model(
+        evaluation_module.roll_out_model(
             tiny(), None, silent(network("forward", ("a", "b"))), lambda *_: seen.append(torch.get_num_threads())
         )
         assert set(seen) == {1}

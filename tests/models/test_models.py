@@ -9,7 +9,7 @@ from support.linear_samples import LinearSimulator, draw, network, silent
 
 from nas_data.models.episodes import Episode, cut_episodes, join, pad
 from nas_data.models.fitting import prepare
-from nas_data.models.losses import one_step_loss
+from nas_data.models.losses import compute_one_step_loss
 from nas_data.models.lstm import DynamicsModel
 
 KINDS = ("delta", "forward")
@@ -108,8 +108,8 @@ def some_episodes(draw_from) -> list[Episode]:
 def test_padding_and_masking_changes_no_loss(episodes, kind):
     model = network(kind)
     cpu = torch.device("cpu")
-    padded = one_step_loss(model, *pad(episodes), cpu)
-    alone = [one_step_loss(model, *pad([episode]), cpu) * len(episode) for episode in episodes]
+    padded = compute_one_step_loss(model, *pad(episodes), cpu)
+    alone = [compute_one_step_loss(model, *pad([episode]), cpu) * len(episode) for episode in episodes]
     expected = sum(alone) / sum(map(len, episodes))
     torch.testing.assert_close(padded, expected, rtol=1e-5, atol=1e-6)
 
@@ -130,7 +130,7 @@ def test_a_masked_loss_has_no_gradient_from_padding():
     batch, mask = pad([short, long])
     states = batch.states.clone().requires_grad_(True)
     padded = Episode(states, batch.commands, batch.predicted, batch.targets)
-    one_step_loss(model, padded, mask, torch.device("cpu")).backward()
+    compute_one_step_loss(model, padded, mask, torch.device("cpu")).backward()
     assert (states.grad[0, 2:] == 0).all()
     assert (states.grad[0, :2] != 0).any()
     assert mask.tolist() == [[True] * 2 + [False] * 5, [True] * 7]

@@ -15,7 +15,15 @@ from support.simulator_samples import unstable
 from support.training_samples import TINY, check_gradients, same, silent, train
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import ACTION, NEXT_STATE, POSITION, SIM_STATE, STATE, action_feature, state_feature
+from nas_data.dataset.features import (
+    ACTION,
+    NEXT_STATE,
+    POSITION,
+    SIM_STATE,
+    STATE,
+    make_action_feature,
+    make_state_feature,
+)
 from nas_data.effects.command_delay import CommandDelay
 from nas_data.errors import DatasetInvalid, JointMismatch, OptionError, UnknownName
 from nas_data.models import losses
@@ -25,7 +33,7 @@ from nas_data.models.losses import TeacherForcing
 from nas_data.models.presets import TrainingOptions, preset
 from nas_data.models.run import TrainingRun
 from nas_data.models.split import MANY, split_validation
-from nas_data.models.training import ModelTraining, find_device, validation_rollouts
+from nas_data.models.training import ModelTraining, cut_validation_rollouts, find_device
 from nas_data.pairing import check_source, pair
 from nas_data.simulators.mujoco import MujocoSimulator
 
@@ -119,7 +127,7 @@ def test_what_is_held_out_shapes_no_statistic_and_no_first_weight(count, kind):
 )
 def test_a_split_loses_no_frame_and_shares_none(lengths, share, seed):
     total = sum(lengths)
-    features = {SIM_STATE: state_feature(("pendulum",))}
+    features = {SIM_STATE: make_state_feature(("pendulum",))}
     numbered = np.arange(2 * total, dtype=np.float32).reshape(total, 2)
     dataset = Dataset(features, {SIM_STATE: numbered}, np.array(lengths), 50.0)
     parts = split_validation(dataset, share, seed)
@@ -137,7 +145,7 @@ def test_a_split_loses_no_frame_and_shares_none(lengths, share, seed):
 
 def test_long_validation_episodes_are_cut_and_few_are_kept_whole():
     long = paired_pendulum((2500, 30))
-    rollouts = validation_rollouts(long)
+    rollouts = cut_validation_rollouts(long)
     assert rollouts.lengths.tolist() == [1000, 1000, 500, 30]
     assert np.array_equal(rollouts.states, long.states)
 
@@ -324,8 +332,8 @@ def hinge_and_slide(metre: float) -> Dataset:
     """A recording of a hinge and a slide, the slide's lengths in a unit of which so many are a metre."""
     whole = recorded(lengths=(40,) * 4, joints=("j", "g"))
     scale = {STATE: [1, metre, 1, metre], NEXT_STATE: [1, metre, 1, metre], ACTION: [1, metre]}
-    features = {STATE: state_feature(("j", "g"), ("g",)), NEXT_STATE: state_feature(("j", "g"), ("g",))}
-    features[ACTION] = action_feature(("j", "g"), (POSITION, POSITION), ("g",))
+    features = {STATE: make_state_feature(("j", "g"), ("g",)), NEXT_STATE: make_state_feature(("j", "g"), ("g",))}
+    features[ACTION] = make_action_feature(("j", "g"), (POSITION, POSITION), ("g",))
     columns = {key: (whole.columns[key] * scale[key]).astype(np.float32) for key in features}
     return Dataset(features, columns, whole.lengths, 50.0)
 

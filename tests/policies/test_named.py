@@ -19,7 +19,7 @@ from nas_data.gap.named import Named
 from nas_data.gap.write_model import write_effects
 from nas_data.policies.policy import load_policy
 from nas_data.reports.runs import find_runs
-from nas_data.sources import source_files
+from nas_data.sources import collect_source_files
 
 TRUE = TASK.dynamics["backlash"]
 LIMIT, DRAG = "torque_limit:joint=m3,torque=0.3", "load_friction:joint=m3,ratio=0.3"
@@ -42,7 +42,7 @@ def swing(simulator, steps=60):
 def phi_of(folder, plant):
     """Return a φ that corrects nothing and keeps the source that it was trained on."""
     phi, source = small_model(folder, gain=0.0), plant.simulator()
-    for name, content in source_files(source.robot, source.effects).items():
+    for name, content in collect_source_files(source.robot, source.effects).items():
         (folder / name).write_bytes(content)
     return phi
 

@@ -23,7 +23,7 @@ from nas_data.policies.learner import Hyperparameters, Learner, PolicyTraining
 from nas_data.policies.policy import CONFIG, WEIGHTS, find_policies, load_policy, read_progress
 from nas_data.policies.ppo import train
 from nas_data.policies.result import read_result
-from nas_data.policies.share import share
+from nas_data.policies.share import compute_share
 from nas_data.runs.parallel import run_jobs
 
 SMALL = Hyperparameters(arms=4, rollout=512, minibatches=4, epochs=2)
@@ -223,7 +223,7 @@ def test_an_episodes_return_counts_only_until_its_end():
 
     arm = Reached(1)
     arm.goal = TASK.start(np.random.default_rng(evaluate.SEED)).goal
-    score = evaluate.roll_out(TASK, arm, evaluate.zero_action)
+    score = evaluate.roll_out(TASK, arm, evaluate.act_with_zeros)
     np.testing.assert_allclose(score.returns, [1.0])
     assert score.lengths.tolist() == [1] and score.successes.tolist() == [True]
 
@@ -276,20 +276,20 @@ returns = arrays(float, st.integers(1, 8), elements=st.floats(-10, 10))
 @given(returns, returns, returns)
 @settings(max_examples=30, deadline=None)
 def test_the_share_closed_is_zero_for_the_source_and_one_for_the_expert_and_monotone(method, source, expert):
-    result = share(method, source, expert)
+    result = compute_share(method, source, expert)
     if np.isnan(result.value):
         assert str(result) == "nothing at stake"
         assert result.at_stake <= 1e-9 * max(1.0, np.abs(source).max(), np.abs(expert).max())
         return
-    assert share(source, source, expert).value == 0
-    assert share(expert, source, expert).value == pytest.approx(1)
-    assert share(method + 1, source, expert).value > result.value
+    assert compute_share(source, source, expert).value == 0
+    assert compute_share(expert, source, expert).value == pytest.approx(1)
+    assert compute_share(method + 1, source, expert).value > result.value
     assert result.low <= result.high
 
 
 def test_the_interval_shrinks_with_the_number_of_seeds_and_holds_the_truth():
     rng = np.random.default_rng(0)
-    few, many = (share(*(rng.normal(mean, 0.1, n) for mean in (0.8, 0.0, 1.0))) for n in (5, 100))
+    few, many = (compute_share(*(rng.normal(mean, 0.1, n) for mean in (0.8, 0.0, 1.0))) for n in (5, 100))
     assert few.low <= 0.8 <= few.high and many.low <= 0.8 <= many.high
     assert many.high - many.low < few.high - few.low
 

@@ -25,18 +25,18 @@ from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.envs.base import find_task
 from nas_data.envs.ergo_shield import GUARD
-from nas_data.envs.ergo_shield import touches as geometric_touches
+from nas_data.envs.ergo_shield import detect_touches as geometric_touches
 from nas_data.errors import OptionError
 from nas_data.hardware.virtual_bus.options import Options
 from nas_data.hardware.virtual_bus.process import VirtualBus
 from nas_data.hardware.xl320.arm import Xl320
-from nas_data.hardware.xl320.ergojr import ergojr_joints
+from nas_data.hardware.xl320.ergojr import make_ergojr_joints
 from nas_data.hardware.xl320.units import TICK
 from nas_data.policies.evaluate import SEED
 from nas_data.policies.rollouts import recorded
 from nas_data.policies.rollouts.keyboard import EVENT, KEY_EVENT, KEY_S, Keyboard
 from nas_data.policies.rollouts.robot_stepper import RobotStepper
-from nas_data.policies.rollouts.rollout import judgements
+from nas_data.policies.rollouts.rollout import read_judgements
 from nas_data.policies.rollouts.two_arm_planner import make_two_arm_planner
 from nas_data.recorders.guarded import GuardedArm, Setup
 from nas_data.recorders.path_planner import PathPlanner
@@ -46,7 +46,7 @@ from nas_data.robots.base import find_robot
 from nas_data.simulators.contact import count_contacts
 from nas_data.simulators.mujoco import MujocoSimulator
 
-JOINTS = ergojr_joints()
+JOINTS = make_ergojr_joints()
 DUEL = (*LOCKSTEP, "--defender-port", "virtual")
 UNDER_WAY = Path("datasets/rolled/recording")
 
@@ -345,7 +345,7 @@ def test_rollouts_go_on_where_they_stopped(capsys):
 
 def returns_of(dataset) -> list[float]:
     """Return the sum of rewards of each rollout."""
-    return [float(judgement.score().returns[0]) for judgement in judgements(dataset)]
+    return [float(judgement.score().returns[0]) for judgement in read_judgements(dataset)]
 
 
 @pytest.fixture(scope="module")
@@ -391,8 +391,10 @@ def test_rollouts_of_something_else_are_not_gone_on_with(capsys, monkeypatch, be
     elif changed == ("seed",):
         monkeypatch.setattr("nas_data.commands._on_arm.SEED", SEED + 1)
     elif changed == ("task",):
-        identity = recorded.identity
-        monkeypatch.setattr(recorded, "identity", lambda known: {**identity(known), "environment": id(known)})
+        identity = recorded.list_shared_settings
+        monkeypatch.setattr(
+            recorded, "list_shared_settings", lambda known: {**identity(known), "environment": id(known)}
+        )
     said = refused(capsys, *begun, *(changed if changed[0].startswith("--") else ()))
     assert said == (
         f"nas: {UNDER_WAY} was begun with another {words}; give the same to go on, --finish to make a dataset of it, "
@@ -424,7 +426,7 @@ def test_a_rollout_is_saved_with_all_its_bouts_or_not_at_all(capsys, monkeypatch
             raise KeyboardInterrupt
         return np.array([(len(calls) - 1) % 40 in (0, 20)])  # the first is as if in touch already
 
-    monkeypatch.setattr("nas_data.policies.rollouts.arm_setup.touches", touched)
+    monkeypatch.setattr("nas_data.policies.rollouts.arm_setup.detect_touches", touched)
     options = (policy("ErgoShield", (0.0,) * 6), "--episodes", "2", *DUEL, "--record", "rolled")
     assert main(["policy", "evaluate", *options]) == 130
     assert read(UNDER_WAY).lengths.tolist() == [21, 19], "the second has touched once, and is not over"

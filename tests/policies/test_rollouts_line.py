@@ -15,13 +15,13 @@ from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.errors import BadReply, GuardLost, NobodyAnswers, ServoSilent
 from nas_data.hardware.xl320.arm import Reading, Xl320Arm
-from nas_data.hardware.xl320.ergojr import ergojr_joints
+from nas_data.hardware.xl320.ergojr import make_ergojr_joints
 from nas_data.policies.rollouts.robot_stepper import RobotStepper
 from nas_data.recorders.arm_dataset import LATE
 from nas_data.recorders.retry import TRIES, Retry
 from nas_data.recorders.schedule import SteppedClock
 
-JOINTS = ergojr_joints()
+JOINTS = make_ergojr_joints()
 ERRORS = (BadReply, ServoSilent, NobodyAnswers)
 REACHER = (-0.8, -0.2, 0.2, 0.1)  # there at once in the first episode, and never in the second
 

@@ -13,7 +13,7 @@ from nas_data.envs.base import find_task
 from nas_data.errors import PathBlocked
 from nas_data.hardware.xl320.arm import Xl320
 from nas_data.hardware.xl320.configuration import Configuration
-from nas_data.hardware.xl320.ergojr import ergojr_joints
+from nas_data.hardware.xl320.ergojr import make_ergojr_joints
 from nas_data.hardware.xl320.units import TICK
 from nas_data.policies.rollouts.approach import Approach
 from nas_data.policies.rollouts.arm_setup import CLEARANCE, ArmSetup, make_path_planner
@@ -22,7 +22,7 @@ from nas_data.policies.rollouts.two_arm_planner import TwoArmPlanner, make_two_a
 from nas_data.recorders.guarded import Setup
 from nas_data.recorders.schedule import SteppedClock
 
-JOINTS = ergojr_joints()
+JOINTS = make_ergojr_joints()
 ZERO = np.zeros(6)
 ACROSS = np.array([0.0, 0.6, 0.0, 0.0, 0.0, 0.0])  # leans over the middle of the table
 FRICTION = (

@@ -14,7 +14,7 @@ import pytest
 import tyro
 from packaging.requirements import Requirement
 
-from nas_data.cli import command_class, split
+from nas_data.cli import load_command_class, split
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -174,7 +174,7 @@ def test_each_command_of_a_page_can_be_typed(page):
     for command in typed(ROOT / page):
         name, options = split(shlex.split(command, comments=True)[1:])
         assert name, command
-        kind = command_class(name)
+        kind = load_command_class(name)
         assert isinstance(tyro.cli(kind, args=options, config=(tyro.conf.FlagCreatePairsOff,)), kind), command
 
 

@@ -26,7 +26,7 @@ import nas_data as nas
 from nas_data.cli import main
 from nas_data.dataset import layout
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import ACTION, STATE, position_feature
+from nas_data.dataset.features import ACTION, STATE, make_position_feature
 from nas_data.dataset.provenance import Provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.write import write
@@ -299,7 +299,7 @@ def simulated_positions(rows: int, fps: float = 50.0) -> np.ndarray:
 def simulated(root: Path, lengths: tuple[int, ...] = (200,), fps: float = 50.0) -> Path:
     """A dataset of the two-joint arm in radians, positions only, as LeRobot's users have it."""
     positions = simulated_positions(sum(lengths), fps)
-    features = {key: position_feature(("j1", "j2")) for key in (STATE, ACTION)}
+    features = {key: make_position_feature(("j1", "j2")) for key in (STATE, ACTION)}
     dataset = Dataset(
         features, {STATE: positions, ACTION: positions + np.float32(0.01)}, np.array(lengths), fps, "arm2"
     )
@@ -341,7 +341,7 @@ def test_a_dataset_in_memory_is_put_right_in_python(here):
 
 def test_columns_in_degrees_are_converted_in_python(here):
     degrees = np.degrees(simulated_positions(60)).astype(np.float32)
-    features = {key: replace(position_feature(("j1", "j2")), units=()) for key in (STATE, ACTION)}
+    features = {key: replace(make_position_feature(("j1", "j2")), units=()) for key in (STATE, ACTION)}
     dataset = Dataset(features, {STATE: degrees, ACTION: degrees}, np.array([60]), 50.0, "arm2")
     with pytest.raises(DatasetInvalid, match=r"numpy.radians\(states\)") as raised:
         nas.pair(dataset, model="arm.xml")
@@ -405,7 +405,7 @@ def test_an_unpaired_part_of_a_merge_is_paired_as_is_said(here, capsys):
 
 def test_a_half_written_dataset_is_rescued_by_the_command_that_is_named(here, capsys):
     root = write(recorded(lengths=(20, 20)), here / "d", Provenance(how="simulated", robot="ergojr"))
-    path = layout.data_files(root)[0]
+    path = layout.list_data_files(root)[0]
     path.write_bytes(path.read_bytes()[:-200])
     said = refused(capsys, "info", "d")
     assert "'nas recover'" in said
@@ -414,7 +414,7 @@ def test_a_half_written_dataset_is_rescued_by_the_command_that_is_named(here, ca
 
 def test_a_dataset_changed_in_place_is_made_a_version_as_is_said(here, capsys):
     root = write(recorded(lengths=(20,)), here / "d", Provenance(how="simulated", robot="ergojr"))
-    path = layout.data_files(root)[0]
+    path = layout.list_data_files(root)[0]
     table = pq.read_table(path)
     index = table.schema.get_field_index("next.done")
     pq.write_table(table.set_column(index, "next.done", table["next.done"].combine_chunks().is_null()), path)
@@ -493,7 +493,7 @@ def test_an_mcap_file_that_was_cut_off_is_read_once_its_messages_are_recovered(h
 
 def as_v21(root: Path) -> None:
     """Turn a dataset into what LeRobot 0.3 wrote: a file an episode, tables in JSON lines."""
-    (whole,) = layout.data_files(root)
+    (whole,) = layout.list_data_files(root)
     rows, info = pq.read_table(whole), json.loads((root / layout.INFO).read_text())
     episodes, statistics = [], []
     for number in sorted(set(rows["episode_index"].to_pylist())):

@@ -31,7 +31,7 @@ from nas_data.hardware.arms.base import Reading
 from nas_data.hardware.virtual_bus.options import Options
 from nas_data.hardware.virtual_bus.process import VirtualBus
 from nas_data.hardware.xl320.arm import Xl320, Xl320Arm
-from nas_data.hardware.xl320.ergojr import ergojr_joints
+from nas_data.hardware.xl320.ergojr import make_ergojr_joints
 from nas_data.hardware.xl320.port import LENIENCE
 from nas_data.hardware.xl320.units import SPEED_UNIT, TICK
 from nas_data.recorders.arm_dataset import LATE, LOAD, REPEATED, TEMPERATURE, VOLTAGE
@@ -44,7 +44,7 @@ from nas_data.robots.base import find_robot
 from nas_data.simulators.contact import count_contacts
 from nas_data.simulators.mujoco import MujocoSimulator
 
-JOINTS = ergojr_joints()
+JOINTS = make_ergojr_joints()
 ROBOT = find_robot("ergojr")
 SHORT = ("--seconds", "0.3", "--excitation", "steps:share=0.2,seconds=0.1", "--name", "rec")
 LOCKSTEP = ("--port", "virtual", "--lockstep")

@@ -18,11 +18,11 @@ from nas_data.dataset.transitions import as_transitions
 from nas_data.errors import NobodyAnswers, OptionError
 from nas_data.hardware.xl320.arm import Xl320Arm
 from nas_data.hardware.xl320.calibration import read_calibration
-from nas_data.hardware.xl320.ergojr import ergojr_joints
+from nas_data.hardware.xl320.ergojr import make_ergojr_joints
 from nas_data.hardware.xl320.units import TICK
 
 pytest.importorskip("lerobot")
-JOINTS = ergojr_joints()
+JOINTS = make_ergojr_joints()
 PROJECT = Path(__file__).parents[2] / "lerobot_robot_ergojr"
 REGISTERED = """
 from lerobot.utils.import_utils import register_third_party_plugins

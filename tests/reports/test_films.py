@@ -12,12 +12,12 @@ from support.recording_samples import recorded_on, wander
 from support.simulator_samples import CONTACTS, PLAY
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.versions import new_version
+from nas_data.dataset.versions import write_version
 from nas_data.errors import MissingPackage, OptionError
 from nas_data.metrics import Errors
-from nas_data.open_loop import open_loop_source
-from nas_data.reports.films.film import Film, frames_between
-from nas_data.reports.films.motion import follow, names_of
+from nas_data.open_loop import roll_out_source
+from nas_data.reports.films.film import Film, select_frames
+from nas_data.reports.films.motion import follow, shorten_names
 from nas_data.reports.films.scene import COLOURS, Scene
 from nas_data.simulators.mujoco import MujocoSimulator
 from nas_data.simulators.offscreen import OffscreenRenderer
@@ -71,7 +71,7 @@ def folder(tmp_path_factory) -> Path:
     for name, damping, integrator in (("stock", 0.1, "Euler"), ("corrected", 1.5, "implicitfast")):
         (folder / f"{name}.xml").write_text(ARM.format(damping=damping, integrator=integrator))
     plant = MujocoSimulator.load(folder / "corrected.xml", 1 / 50, ("a", "b"), threads=1)
-    new_version(recorded_on(plant, wander((60, 40), joints=2)), "arm", SIMULATED, folder)
+    write_version(recorded_on(plant, wander((60, 40), joints=2)), "arm", SIMULATED, folder)
     return folder
 
 
@@ -83,7 +83,7 @@ def motion(folder):
 
 def test_models_move_and_err_as_evaluate_says(motion, folder):
     simulator = MujocoSimulator.load(folder / "stock.xml", 1 / 50, ("a", "b"), threads=1)
-    (rolled,) = open_loop_source(motion.dataset, simulator)
+    (rolled,) = roll_out_source(motion.dataset, simulator)
     measured, stock, corrected = motion.ghosts
     np.testing.assert_array_equal(stock.states[1:], rolled)
     np.testing.assert_array_equal(measured.states[1:], motion.dataset.next_states)
@@ -222,20 +222,20 @@ def test_a_dataset_without_a_source_asks_for_a_model(folder, here):
 
 
 def test_a_film_keeps_the_pace_of_the_episode(motion):
-    every_other = frames_between(motion, 0.2, 0.4, rate=25, speed=1)
+    every_other = select_frames(motion, 0.2, 0.4, rate=25, speed=1)
     assert every_other.tolist() == list(range(10, 31, 2))
-    assert frames_between(motion, 0, None, rate=50, speed=0.5).tolist()[:4] == [0, 0, 1, 2]
+    assert select_frames(motion, 0, None, rate=50, speed=0.5).tolist()[:4] == [0, 0, 1, 2]
     with pytest.raises(OptionError, match="--rate 0"):
-        frames_between(motion, 0, None, rate=0, speed=1)
+        select_frames(motion, 0, None, rate=0, speed=1)
 
 
 def test_models_are_named_by_what_tells_them_apart():
-    assert names_of(["arm.xml", "runs/b/arm2.xml"]) == ["arm", "arm2"]
-    assert names_of(["runs/a/model.xml", "runs/b/model.xml"]) == ["a/model", "b/model"]
-    assert names_of(["runs/gap/model.xml"]) == ["gap/model"]
-    assert names_of(["model.xml"]) == ["model"]
-    assert names_of(["arm.xml", "arm.xml"]) == ["arm (1)", "arm (2)"]
-    assert names_of([]) == ["source"]
+    assert shorten_names(["arm.xml", "runs/b/arm2.xml"]) == ["arm", "arm2"]
+    assert shorten_names(["runs/a/model.xml", "runs/b/model.xml"]) == ["a/model", "b/model"]
+    assert shorten_names(["runs/gap/model.xml"]) == ["gap/model"]
+    assert shorten_names(["model.xml"]) == ["model"]
+    assert shorten_names(["arm.xml", "arm.xml"]) == ["arm (1)", "arm (2)"]
+    assert shorten_names([]) == ["source"]
 
 
 def test_rerun_gets_what_lerobots_viewer_logs_and_the_ghosts(folder, here):

@@ -10,7 +10,7 @@ from support.command_samples import done
 from support.gap_samples import written
 
 from nas_data.errors import MissingPackage
-from nas_data.gap.showing.page import page_of_folder
+from nas_data.gap.showing.page import read_page
 from nas_data.reports.page import ShortFilm, Text
 from nas_data.robots.base import find_robot
 from nas_data.simulators import offscreen
@@ -99,7 +99,7 @@ def test_the_gap_page_carries_a_short_film(tmp_path):
         offscreen.OffscreenRenderer(model, mujoco.MjData(model), (16, 16)).close()
     except MissingPackage as error:
         pytest.skip(str(error))
-    page = page_of_folder(arm_film(tmp_path))
+    page = read_page(arm_film(tmp_path))
     (shown,) = [block for section in page.sections for block in section.blocks if isinstance(block, ShortFilm)]
     assert shown.mp4[4:8] == b"ftyp"
     assert len(shown.mp4) < 1e6
@@ -111,6 +111,6 @@ def test_where_nothing_draws_the_page_names_the_package(tmp_path, monkeypatch):
         raise MissingPackage("Install a package that draws: apt install libegl1.")
 
     monkeypatch.setattr(offscreen, "open_context", refuse)
-    page = page_of_folder(arm_film(tmp_path))
+    page = read_page(arm_film(tmp_path))
     told = [block.text for section in page.sections for block in section.blocks if isinstance(block, Text)]
     assert any("apt install libegl1" in text and "nas gap show" in text for text in told)

@@ -33,10 +33,15 @@ from nas_data.reports.page import (
     Text,
     is_ours,
 )
-from nas_data.reports.prediction_figures import growth, joint_errors, quartiles, trajectory
-from nas_data.reports.run_sections import learning_charts, models_section, policies_section, target_chart
+from nas_data.reports.prediction_figures import compute_joint_errors, draw_error_growth, draw_trajectory, quartiles
+from nas_data.reports.run_sections import (
+    make_learning_charts,
+    make_models_section,
+    make_policies_section,
+    make_target_chart,
+)
 from nas_data.reports.runs import LearningCurve, PolicyRun, find_runs
-from nas_data.reports.style import OTHERS, STROKES, strokes, to_png
+from nas_data.reports.style import OTHERS, STROKES, choose_strokes, to_png
 from nas_data.whole_file import write_whole
 
 SMALL = learner.Hyperparameters(arms=4, rollout=256, minibatches=2, epochs=1)
@@ -70,13 +75,13 @@ def test_quartiles_are_those_of_the_episodes_that_reach_a_step(values):
 def test_the_error_of_joints_that_are_all_off_by_as_much_is_that_much(states, offset):
     wrong = states.copy()
     wrong[:, :3] += offset
-    np.testing.assert_allclose(joint_errors(wrong, states, 3), offset)
-    assert not joint_errors(states, states, 3).any()
+    np.testing.assert_allclose(compute_joint_errors(wrong, states, 3), offset)
+    assert not compute_joint_errors(states, states, 3).any()
 
 
 def test_a_trajectory_shows_the_positions_in_degrees_and_the_errors_below():
     measured = np.array([0.0, 0.1, 0.2])
-    figure = trajectory(measured, {"source": measured + 0.1, "ψ": measured}, measured, 0.5, "m3")
+    figure = draw_trajectory(measured, {"source": measured + 0.1, "ψ": measured}, measured, 0.5, "m3")
     above, below = figure.axes
     drawn = {line.get_label(): line for line in above.lines}
     assert list(drawn) == ["measured", "source", "ψ", "command"]
@@ -88,13 +93,13 @@ def test_a_trajectory_shows_the_positions_in_degrees_and_the_errors_below():
 
 
 def test_a_joint_that_takes_torques_has_no_command_in_its_trajectory():
-    figure = trajectory(np.zeros(3), {"source": np.ones(3)}, None, 0.1, "a")
+    figure = draw_trajectory(np.zeros(3), {"source": np.ones(3)}, None, 0.1, "a")
     assert "command" not in {line.get_label() for line in figure.axes[0].lines}
 
 
 def test_error_growth_draws_the_median_between_the_quartiles():
     episodes = [np.radians([1.0, value]) for value in (1.0, 2.0, 3.0, 4.0, 5.0)]
-    axes = growth({"source": episodes}, 0.01).axes[0]
+    axes = draw_error_growth({"source": episodes}, 0.01).axes[0]
     np.testing.assert_allclose(axes.lines[0].get_ydata(), [1.0, 3.0])
     corners = axes.collections[0].get_paths()[0].vertices
     assert {2.0, 4.0} <= set(corners[corners[:, 0] == 0.02][:, 1].round(6))
@@ -112,7 +117,7 @@ def learned(method, *curves, judged=()):
 
 def test_learning_curves_band_reaches_from_the_lowest_to_the_highest_seed():
     runs = learned("source", curve(-3, -2, -1), curve(-5, -4, -3), curve(-4, -2, -1))
-    low, high, median = learning_charts({"source": runs})[0].traces
+    low, high, median = make_learning_charts({"source": runs})[0].traces
     np.testing.assert_allclose(median["y"], [-4, -2, -1])
     np.testing.assert_allclose(low["y"], [-5, -4, -3])
     np.testing.assert_allclose(high["y"], [-3, -2, -1])
@@ -120,14 +125,14 @@ def test_learning_curves_band_reaches_from_the_lowest_to_the_highest_seed():
 
 def test_learning_curves_leave_out_rollouts_in_which_no_episode_ended():
     runs = learned("source", curve(np.nan, -2, -1), curve(np.nan, -4, -3))
-    median = learning_charts({"source": runs})[0].traces[-1]
+    median = make_learning_charts({"source": runs})[0].traces[-1]
     np.testing.assert_allclose(median["y"], [-3, -2])
     np.testing.assert_allclose(median["x"], [0.2, 0.3])
 
 
 def test_every_policy_is_a_dot_and_every_method_a_row():
     groups = {"expert": learned("expert", judged=(0.3, 0.1)), "augmented": learned("augmented", judged=(-0.2,))}
-    (chart,) = target_chart(groups)
+    (chart,) = make_target_chart(groups)
     dots, medians = chart.traces[::2], chart.traces[1::2]
     assert [(list(trace["x"]), set(trace["y"])) for trace in dots] == [
         ([0.3, 0.1], {"expert"}),
@@ -150,8 +155,10 @@ def test_a_thinned_curve_keeps_its_extremes_and_its_order(length, seed):
 def test_a_predictor_and_the_method_that_learns_on_it_share_their_colour_in_every_figure():
     measured = np.zeros(3)
     pictures = [
-        trajectory(measured, {"source": measured, "source + φ": measured, "ψ": measured}, measured, 0.1, "a").axes[0],
-        growth({name: [np.ones(3)] for name in ("source", "source + φ", "ψ", "command")}, 0.1).axes[0],
+        draw_trajectory(measured, {"source": measured, "source + φ": measured, "ψ": measured}, measured, 0.1, "a").axes[
+            0
+        ],
+        draw_error_growth({name: [np.ones(3)] for name in ("source", "source + φ", "ψ", "command")}, 0.1).axes[0],
     ]
     for axes in pictures:
         for line in axes.lines:
@@ -176,13 +183,13 @@ def test_predictors_differ_in_stroke_or_colour_for_every_kind_of_sight(kind):
 
 
 def test_names_without_a_colour_of_their_own_get_different_ones():
-    looks = strokes(["source", "a", "b", "c"])
+    looks = choose_strokes(["source", "a", "b", "c"])
     assert [looks[name].colour for name in "abc"] == list(OTHERS[:3])
     assert looks["source"] == STROKES["source"]
 
 
 def test_the_same_figure_gives_the_same_bytes_and_a_readme_wide_picture():
-    one, other = (to_png(growth({"source": [np.ones(3)]}, 0.1)) for _ in range(2))
+    one, other = (to_png(draw_error_growth({"source": [np.ones(3)]}, 0.1)) for _ in range(2))
     assert one == other
     assert int.from_bytes(one[16:20], "big") == 988  # [px] width in the PNG's header
 
@@ -313,7 +320,7 @@ def test_policies_of_one_method_in_two_folders_are_not_mixed(runs, tmp_path):
 
 def test_the_table_says_what_the_records_say_and_how_much_of_the_distance_is_closed(runs):
     found = find_runs([runs])
-    table = next(block for block in policies_section(found.groups()).blocks if isinstance(block, HtmlTable))
+    table = next(block for block in make_policies_section(found.groups()).blocks if isinstance(block, HtmlTable))
     cells = {row[0].partition(":")[0]: row for row in table.rows}
     assert cells["source"][1:5] == ("-2.50", "50%", "-3.00 … -2.00", "2")
     assert cells["expert"][1:5] == ("-0.50", "50%", "-1.00 … 0.00", "2")
@@ -321,7 +328,7 @@ def test_the_table_says_what_the_records_say_and_how_much_of_the_distance_is_clo
 
 def test_policies_that_were_not_judged_are_shown_as_they_ended_training(tmp_path):
     a_policy(tmp_path / "seed0", 0)
-    section = policies_section(find_runs([tmp_path]).groups())
+    section = make_policies_section(find_runs([tmp_path]).groups())
     names = [block.name for block in section.blocks if isinstance(block, Chart)]
     assert names == ["learning_curves", "success"]
     table = next(block for block in section.blocks if isinstance(block, HtmlTable))
@@ -331,7 +338,7 @@ def test_policies_that_were_not_judged_are_shown_as_they_ended_training(tmp_path
 
 def test_models_that_share_a_name_are_told_apart(runs, tmp_path):
     train(paired_pendulum((40,) * 4, seed=1), tmp_path / "again", "delta")
-    table = models_section(find_runs([runs / "phi", tmp_path]).models).blocks[1]
+    table = make_models_section(find_runs([runs / "phi", tmp_path]).models).blocks[1]
     assert {row[0] for row in table.rows} == {"source + φ (phi)", "source + φ (again)"}
 
 

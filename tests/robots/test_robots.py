@@ -9,12 +9,12 @@ import pytest
 
 from nas_data.dataset.features import EFFORT
 from nas_data.errors import ModelFileError, UnknownName
-from nas_data.robots.base import Robot, find_robot, robot_names
+from nas_data.robots.base import Robot, find_robot, list_robot_names
 from nas_data.simulators.layout import Layout
-from nas_data.simulators.limits import command_limits, excitable_limits
+from nas_data.simulators.limits import command_limits, find_excitable_limits
 from nas_data.simulators.mujoco import MujocoSimulator
 
-ROBOTS = robot_names()
+ROBOTS = list_robot_names()
 MOTORS = {"pusher", "striker"}  # simulated only, with torque motors and exact sensors
 ERGOJRS = [name for name in ROBOTS if name.startswith("ergojr")]
 
@@ -78,7 +78,7 @@ def test_constants_that_cannot_be_are_refused(tmp_path, more, words):
 def test_stays_finite_and_within_limits_under_random_commands(robot):
     arm = MujocoSimulator(robot, 1 / robot.rate, threads=1)
     low, high = command_limits(arm.model, arm.joints, robot.name)
-    low, high = excitable_limits(low, high, arm.joints, arm.kinds)
+    low, high = find_excitable_limits(low, high, arm.joints, arm.kinds)
     rng = np.random.default_rng(0)
     commands = np.repeat(rng.uniform(low, high, (3, 20, len(low))), 10, axis=1)
     states = arm.rollout(np.zeros((3, 2 * len(low))), commands)

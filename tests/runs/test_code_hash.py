@@ -14,7 +14,7 @@ from nas_data.policies.compare import Run, Study, compare
 from nas_data.policies.learner import Hyperparameters, PolicyTraining
 from nas_data.policies.policy import CONFIG
 from nas_data.runs import code_hash, environment_info
-from nas_data.runs.code_hash import gap_modules
+from nas_data.runs.code_hash import list_gap_modules
 from nas_data.studies.experiments.pipeline.learning import TRAINED_BY
 
 SMALL = Hyperparameters(arms=2, rollout=32, minibatches=2, epochs=1)
@@ -115,9 +115,11 @@ def test_all_that_a_choosing_module_imports_in_its_functions_is_named_by_some_pl
 
 def inner_imports(module):
     """Return what the functions of a module import."""
-    tree = ast.parse(code_hash.source_of(module))
+    tree = ast.parse(code_hash.read_source(module))
     found = {
-        name for statement in code_hash.statements(tree, deep=True) for name in code_hash.imported_modules(statement)
+        name
+        for statement in code_hash.walk_statements(tree, deep=True)
+        for name in code_hash.find_imported_modules(statement)
     }
     assert found > set(code_hash.analyse_module(module)[1])
     return found
@@ -125,7 +127,7 @@ def inner_imports(module):
 
 def test_the_modules_that_are_treated_otherwise_are_there():
     for part in (*code_hash.APART, *code_hash.CHOOSING):
-        assert code_hash.file_of(f"nas_data.{part}"), part
+        assert code_hash.find_file(f"nas_data.{part}"), part
 
 
 def test_imports_are_found_in_every_block_but_not_those_for_type_checkers():
@@ -135,7 +137,9 @@ def test_imports_are_found_in_every_block_but_not_those_for_type_checkers():
         (False, "runs.stages mjcf.default_servos"),
     ):
         found = {
-            name for statement in code_hash.statements(tree, deep) for name in code_hash.imported_modules(statement)
+            name
+            for statement in code_hash.walk_statements(tree, deep)
+            for name in code_hash.find_imported_modules(statement)
         }
         assert found == {f"nas_data.{word}" for word in wanted.split()}
 
@@ -152,7 +156,7 @@ class Thing:
         try:
             from nas_data.metrics import Errors
         except ImportError:
-            from nas_data.mjcf.actuator_lookup import driven_joint
+            from nas_data.mjcf.actuator_lookup import find_driven_joint
         finally:
             with open("x"):
                 from nas_data.runs.parallel import run_jobs
@@ -168,7 +172,7 @@ class Thing:
 
 def test_all_that_nas_gap_may_name_decides_what_it_says(edited):
     def versions():
-        return code_hash.code_hash(*gap_modules()), code_hash.code_hash(TRAINED_BY)
+        return code_hash.hash_code(*list_gap_modules()), code_hash.hash_code(TRAINED_BY)
 
     before = versions()
     edited("nas_data.effects.deadband", "half_width", "width")
@@ -201,11 +205,11 @@ def test_other_code_that_judges_judges_a_kept_policy_again(tmp_path, edited):
 
 
 def test_the_commit_is_that_of_a_checkout_and_of_nothing_else(monkeypatch, tmp_path):
-    environment_info.commit.cache_clear()
-    said = environment_info.commit()
+    environment_info.find_commit.cache_clear()
+    said = environment_info.find_commit()
     assert said is None or len(said.removesuffix(environment_info.CHANGED)) == 40
     monkeypatch.setattr(environment_info, "ROOT", tmp_path)
-    environment_info.commit.cache_clear()
-    assert environment_info.commit() is None
-    environment_info.commit.cache_clear()
-    assert {"python", "onnxruntime", "torch", "nas_data"} <= set(environment_info.versions())
+    environment_info.find_commit.cache_clear()
+    assert environment_info.find_commit() is None
+    environment_info.find_commit.cache_clear()
+    assert {"python", "onnxruntime", "torch", "nas_data"} <= set(environment_info.read_versions())

@@ -12,7 +12,7 @@ from support.stage_samples import ALL, Plan, do_one, staged
 from nas_data.errors import SimulationDiverged
 from nas_data.runs.stages import STAGES as NOTES
 from nas_data.runs.stages import Work, read_stage
-from nas_data.runs.stages_side_by_side import prerequisites, run_side_by_side
+from nas_data.runs.stages_side_by_side import find_prerequisites, run_side_by_side
 from nas_data.studies.experiments.pipeline.artifacts import PHI, PSI
 
 
@@ -60,8 +60,8 @@ def test_a_stage_that_fails_takes_only_those_along_that_build_on_it(tmp_path, fa
 
 def test_a_stage_that_says_nothing_of_it_builds_on_all_before_it():
     a, b, c = (replace(staged(name), builds_on=None) for name in "abc")
-    assert prerequisites((a, b, c)) == {0: [], 1: [0], 2: [0, 1]}
-    assert prerequisites((a, staged("b"), c)) == {0: [], 1: [], 2: [0, 1]}
+    assert find_prerequisites((a, b, c)) == {0: [], 1: [0], 2: [0, 1]}
+    assert find_prerequisites((a, staged("b"), c)) == {0: [], 1: [], 2: [0, 1]}
 
 
 @pytest.mark.slow

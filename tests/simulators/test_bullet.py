@@ -16,7 +16,7 @@ from support.typical_effects import NAMES, OF_OBJECTS, typical
 
 from nas_data.effects.base import Effect, parse
 from nas_data.errors import JointMismatch, ModelFileError
-from nas_data.robots.base import Robot, find_robot, robot_names
+from nas_data.robots.base import Robot, find_robot, list_robot_names
 from nas_data.simulators.engines import load_simulator
 from nas_data.simulators.mujoco import MujocoSimulator
 from nas_data.simulators.urdf import roll_pitch_yaw, to_urdf
@@ -46,7 +46,7 @@ def rms_degrees(difference: np.ndarray) -> np.ndarray:
 # ---- the export, which needs no PyBullet ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", robot_names())
+@pytest.mark.parametrize("name", list_robot_names())
 def test_the_urdf_is_the_same_machine_when_mujoco_reads_it(name):
     """Masses, inertias and gravity torques survive the way through URDF; flywheels sit on the base."""
     model = find_robot(name).spec().compile()
@@ -246,7 +246,7 @@ def test_the_floor_carries_the_arm(bullet):
 
 @pytest.mark.bullet
 def test_neighbours_never_touch_and_distant_links_may():
-    from nas_data.simulators.bullet_world import may_collide
+    from nas_data.simulators.bullet_world import can_collide
 
     model = find_robot("ergojr").spec().compile()
     index = {model.body(i).name: i for i in range(model.nbody)}
@@ -257,7 +257,7 @@ def test_neighbours_never_touch_and_distant_links_may():
         ("link2", "link6", True),
         ("base", "link6", True),
     ):
-        assert may_collide(model, *sorted((index[first], index[second]))) == expected
+        assert can_collide(model, *sorted((index[first], index[second]))) == expected
 
 
 @pytest.mark.bullet

@@ -12,7 +12,7 @@ from nas_data.effects.base import add_effects, parse
 from nas_data.errors import JointMismatch, ModelFileError, OptionError
 from nas_data.pairing import pair
 from nas_data.simulators.controls import find_command
-from nas_data.simulators.limits import command_limits, excitable_limits
+from nas_data.simulators.limits import command_limits, find_excitable_limits
 from nas_data.simulators.mujoco import MujocoSimulator
 
 PLAIN = Way("plain", "position", SERVO)
@@ -103,7 +103,7 @@ def test_the_range_of_an_actuator_after_one_with_several_inputs_is_its_own(load)
 
 def test_a_speed_without_limits_is_not_made_up():
     with pytest.raises(OptionError, match=r"^The speed of b has no limits; give its actuator a ctrlrange, or play"):
-        excitable_limits(np.array([-np.inf] * 2), np.array([np.inf] * 2), ("a", "b"), (".pos", ".vel"))
+        find_excitable_limits(np.array([-np.inf] * 2), np.array([np.inf] * 2), ("a", "b"), (".pos", ".vel"))
 
 
 def test_closed_loops_take_commands(load):

@@ -6,7 +6,7 @@ import pytest
 from support.truth_samples import FOLDER, PERIOD, record_truth, without_bases
 
 from nas_data.errors import ModelFileError
-from nas_data.pairing import initial_states, pair
+from nas_data.pairing import pair, read_initial_states
 from nas_data.robots.base import find_robot, note_fixed_bases
 from nas_data.simulators.mujoco import MujocoSimulator
 
@@ -50,7 +50,7 @@ def test_a_model_rolls_out_its_own_recording(path):
     simulator, truth = truth_of(path)
     n = len(truth.joints)
     commands = truth.commands.reshape(truth.n_episodes, -1, n)
-    rolled = simulator.rollout(initial_states(truth, simulator), commands)
+    rolled = simulator.rollout(read_initial_states(truth, simulator), commands)
     assert worst(rolled, truth.next_states.reshape(rolled.shape), n) < 10 * ROUNDING
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import nas_data as nas
-from nas_data.open_loop import open_loop_source
+from nas_data.open_loop import roll_out_source
 from nas_data.simulators.mujoco import MujocoSimulator
 
 ARM = """<mujoco><compiler angle="radian" autolimits="true"/><option timestep="0.002" integrator="implicitfast"/>
@@ -54,5 +54,5 @@ def test_the_recording_shows_where_setpoints_began(wait, simulator):
             begun.append(data.qpos.copy())
         positions.append(np.array(begun))
     made = nas.Dataset.from_arrays(positions, [rows, rows], rate=50, joints=("j", "g"), slides=("g",), kind="velocity")
-    for states, measured in zip(open_loop_source(made, simulator), positions, strict=True):
+    for states, measured in zip(roll_out_source(made, simulator), positions, strict=True):
         assert np.abs(states[20:, :2] - measured[21:]).max() < 1e-4  # derived initial velocities have faded

@@ -16,7 +16,7 @@ from nas_data.envs.base import find_task
 from nas_data.errors import ModelFileError, OptionError
 from nas_data.models.augmented import LearnedStepper
 from nas_data.models.checkpoint import load_frozen
-from nas_data.models.evaluation import evaluate, open_loop_model, predict_one_step
+from nas_data.models.evaluation import evaluate, predict_one_step, roll_out_model
 from nas_data.models.frozen.freeze import freeze
 from nas_data.models.frozen.onnx_torques import OnnxTorques
 from nas_data.models.frozen.torch_network import TorchNetwork
@@ -180,7 +180,7 @@ def test_one_step_and_open_loop_are_the_source_under_corrected_torques():
     source, target, torques = two_arms()
     dataset = recorded_on(target, wander((40, 25), 2))
     model = knowing(torque_network(), torques)
-    for predicted in (predict_one_step(dataset, model, source), open_loop_model(dataset, source, model)):
+    for predicted in (predict_one_step(dataset, model, source), roll_out_model(dataset, source, model)):
         for rows, states in zip(dataset.episodes(), predicted, strict=True):
             np.testing.assert_allclose(states, dataset.next_states[rows], rtol=0, atol=1e-4)
     found = evaluate(dataset, source, model)

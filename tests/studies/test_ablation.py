@@ -14,7 +14,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.errors import OptionError
 from nas_data.models.presets import preset
 from nas_data.models.split import select_frames
-from nas_data.reports.ablation_figure import AblationCurve, error_over_amount
+from nas_data.reports.ablation_figure import AblationCurve, draw_error_over_amount
 from nas_data.reports.style import to_png
 from nas_data.studies.ablation.amount import Amount, parse
 from nas_data.studies.ablation.executors.base import FOLDER as EXECUTORS
@@ -25,7 +25,7 @@ from nas_data.studies.ablation.kinds.base import ModelKind, find_kind
 from nas_data.studies.ablation.results import TrainingData, TrialResult
 from nas_data.studies.ablation.subsets import divide, draw
 from nas_data.studies.ablation.summary import ENOUGH, Spread, SweepSummary
-from nas_data.studies.ablation.table import markdown, rows, text
+from nas_data.studies.ablation.table import format_markdown, format_table, make_rows
 from nas_data.studies.ablation.trial import Config
 from nas_data.studies.ablation.write import write
 
@@ -134,16 +134,17 @@ def test_what_is_no_amount_is_refused(word):
 # kinds and executors
 
 
-@pytest.mark.parametrize("name", registry.names(KINDS))
+@pytest.mark.parametrize("name", registry.list_names(KINDS))
 def test_every_kind_of_the_folder_has_a_name_of_its_own(name):
     kind = find_kind(name)
     assert isinstance(kind, ModelKind)
-    assert sum(find_kind(other).label == kind.label for other in registry.names(KINDS)) == 1
+    assert sum(find_kind(other).label == kind.label for other in registry.list_names(KINDS)) == 1
     assert kind.needs_source or not (kind.names or kind.needs_pairs)
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow if name == "ray" else ()) for name in registry.names(EXECUTORS)]
+    "name",
+    [pytest.param(name, marks=pytest.mark.slow if name == "ray" else ()) for name in registry.list_names(EXECUTORS)],
 )
 def test_every_executor_of_the_folder_returns_each_result_with_its_number(name):
     assert dict(find_executor(name)(abs, [-3, 2, -1], 1)) == {0: 3, 1: 2, 2: 1}
@@ -207,16 +208,16 @@ def test_the_sentence_says_where_nothing_learned_is_as_good():
 
 
 def test_the_table_holds_medians_ends_and_baselines():
-    table = {(row[0], row[1]): row[2:] for row in rows(SweepSummary.of(swept()))}
+    table = {(row[0], row[1]): row[2:] for row in make_rows(SweepSummary.of(swept()))}
     assert table["source + φ", "10 episodes"] == ("3", "4.000", "3.000 … 9.000", "0.4000", "0.3000 … 0.9000")
     assert table["ψ", "20 episodes"][:3] == ("3", "3.000", "2.000 … diverged")
     assert table["source", ""] == ("3", "10.000", "9.000 … 11.000", "1.0000", "0.9000 … 1.1000")
     assert table["hold", ""] == ("3", "20.000", "", "2.0000", "")
     assert ("command", "") not in table, "torques are no positions"
     found = SweepSummary.of(swept())
-    for row in rows(found):
-        assert all(word in markdown(found, []) for word in row)
-        assert all(word in text(found) for word in row)
+    for row in make_rows(found):
+        assert all(word in format_markdown(found, []) for word in row)
+        assert all(word in format_table(found) for word in row)
 
 
 @given(st.lists(st.floats(0, 10) | st.just(math.inf), min_size=1, max_size=9))
@@ -253,7 +254,7 @@ def test_the_files_hold_what_was_found(tmp_path):
 def test_the_figure_shows_medians_in_degrees_over_amounts_and_baselines_as_lines():
     amounts, median = np.array([1.0, 10.0]), np.radians([4.0, 2.0])
     curve = AblationCurve(amounts, median / 2, median, median * 2)
-    figure = error_over_amount({"open_loop": {"ψ": curve}}, {"open_loop": {"source": math.radians(3)}}, "minutes")
+    figure = draw_error_over_amount({"open_loop": {"ψ": curve}}, {"open_loop": {"source": math.radians(3)}}, "minutes")
     (axes,) = figure.axes
     lines = {line.get_label(): line for line in axes.lines}
     np.testing.assert_allclose(lines["ψ"].get_ydata(), [4.0, 2.0])
@@ -267,7 +268,7 @@ def test_the_figure_shows_medians_in_degrees_over_amounts_and_baselines_as_lines
 def test_one_seed_that_went_astray_does_not_squash_the_others():
     amounts, median = np.array([1.0, 10.0]), np.radians([4.0, 2.0])
     curve = AblationCurve(amounts, median, median, np.radians([400.0, 2.0]))
-    (axes,) = error_over_amount({"open_loop": {"ψ": curve}}, {"open_loop": {"hold": math.inf}}, "minutes").axes
+    (axes,) = draw_error_over_amount({"open_loop": {"ψ": curve}}, {"open_loop": {"hold": math.inf}}, "minutes").axes
     assert axes.get_ylim()[1] == pytest.approx(8.0)
     assert len(axes.lines) == 1, "a baseline that diverged has no line"
 
@@ -276,7 +277,9 @@ def test_one_seed_that_went_astray_does_not_squash_the_others():
 def test_a_figure_is_made_where_every_training_diverged(amounts):
     astray = np.full(len(amounts), math.inf)
     curve = AblationCurve(np.array(amounts), astray, astray, astray)
-    figure = error_over_amount({"open_loop": {"φ": curve}}, {"open_loop": {"hold": 0.1, "source": 0.01}}, "minutes")
+    figure = draw_error_over_amount(
+        {"open_loop": {"φ": curve}}, {"open_loop": {"hold": 0.1, "source": 0.01}}, "minutes"
+    )
     assert to_png(figure).startswith(b"\x89PNG")
     (low, high), (axes,) = figure.axes[0].get_xlim(), figure.axes
     assert low < amounts[0] <= amounts[-1] < high

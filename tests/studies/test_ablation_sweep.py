@@ -19,15 +19,23 @@ from support.training_samples import same
 from support.two_joint_arm import ARM, recorded
 
 from nas_data.dataset.read import read
-from nas_data.dataset.versions import new_version
+from nas_data.dataset.versions import write_version
 from nas_data.effects.base import parse
 from nas_data.errors import DatasetInvalid, OutputExists, WorkerLost
 from nas_data.gap.write_model import write_effects
 from nas_data.models.split import select_frames, split_validation
-from nas_data.runs.environment_info import commit
+from nas_data.runs.environment_info import find_commit
 from nas_data.studies.ablation import trial as trials
 from nas_data.studies.ablation.amount import Amount
-from nas_data.studies.ablation.inflation import Inflation, Probe, cost, inflation_of, keep, order, probes
+from nas_data.studies.ablation.inflation import (
+    Inflation,
+    Probe,
+    compute_inflation,
+    keep,
+    make_probes,
+    measure_cost,
+    order_jobs,
+)
 from nas_data.studies.ablation.inflation import read as read_inflation
 from nas_data.studies.ablation.kinds.base import Lesson, find_kind
 from nas_data.studies.ablation.material import SweepData
@@ -133,7 +141,7 @@ def test_results_by_other_code_are_not_used_and_not_removed(place, tmp_path, edi
     told = []
     swept = planned(place, tmp_path, amounts=(Amount(2, "episodes"),))
     first = run_sweep(swept, here_and_now, 1, False, told.append)
-    assert all(result.commit == commit() for result in first)
+    assert all(result.commit == find_commit() for result in first)
     assert all(len(trial.code) == 64 for trial in swept)
     edited("nas_data.models.training", "class ModelTraining", "class Renamed")
     again = planned(place, tmp_path, amounts=(Amount(2, "episodes"),))
@@ -302,28 +310,30 @@ def test_a_fault_of_ours_ends_one_trial_and_keeps_its_traceback(place, tmp_path,
 
 def test_only_what_trains_is_measured_for_the_cost_of_a_second_worker(place, tmp_path):
     waiting = planned(place, tmp_path, options=replace(TINY, updates=400))
-    first, *others = probes(waiting, 2, tmp_path)
+    first, *others = make_probes(waiting, 2, tmp_path)
     assert len(others) == 2 and others == [first, first], "two beside each other, and one alone"
     assert (first.trial.config.amount.value, first.trial.config.options.updates) == (2, 10), "the smallest, shortened"
-    assert probes(waiting, 1, tmp_path) == probes(planned(place, tmp_path, kinds=("named",)), 2, tmp_path) == []
-    keep(tmp_path, inflation_of([(2.0, 6.0), (4.0, 6.0), (2.0, 3.0)]))
+    assert (
+        make_probes(waiting, 1, tmp_path) == make_probes(planned(place, tmp_path, kinds=("named",)), 2, tmp_path) == []
+    )
+    keep(tmp_path, compute_inflation([(2.0, 6.0), (4.0, 6.0), (2.0, 3.0)]))
     found = read_inflation(tmp_path)
     assert (found.workers, found.factor, found.work) == (2, 1.5, 1.0)
-    assert probes(waiting, 2, tmp_path) == [], "it was measured before"
+    assert make_probes(waiting, 2, tmp_path) == [], "it was measured before"
 
 
 def test_probes_come_first_the_last_of_them_alone_and_then_the_trials():
-    assert order(3, 6) == {2: [0, 1], 3: [2], 4: [2], 5: [2]}
-    assert order(0, 6) == {}
+    assert order_jobs(3, 6) == {2: [0, 1], 3: [2], 4: [2], 5: [2]}
+    assert order_jobs(0, 6) == {}
 
 
 def test_a_probe_that_fails_measures_nothing_and_takes_no_trial_along(place, tmp_path):
     (trial,) = planned(place, tmp_path, kinds=("forward",), amounts=(Amount(2, "episodes"),))
     probe = Probe(replace(trial, material=replace(trial.material, root=tmp_path / "nowhere")))
-    assert cost(probe) is None
-    keep(tmp_path, inflation_of([cost(probe), (1.0, 1.0), (1.0, 1.0)]))
+    assert measure_cost(probe) is None
+    keep(tmp_path, compute_inflation([measure_cost(probe), (1.0, 1.0), (1.0, 1.0)]))
     assert read_inflation(tmp_path) is None
-    processor, wall = cost(Probe(trial))
+    processor, wall = measure_cost(Probe(trial))
     assert processor > 0 < wall
     assert not list((tmp_path / UNFINISHED).glob("*"))
 
@@ -403,7 +413,7 @@ def test_the_trainings_follow_a_preset_and_what_is_given_beside_it(place, here):
 def test_what_judges_must_not_train(place, here):
     answer = nas("ablate", place.paired, "--test", place.raw)
     assert answer.code == 2 and "must not train" in answer.err
-    other = new_version(recorded_on(pendulum(*GAP), wander((50,) * 2, seed=9)), "other", SIMULATED)
+    other = write_version(recorded_on(pendulum(*GAP), wander((50,) * 2, seed=9)), "other", SIMULATED)
     content = done(
         "ablate", place.paired, "--test", other, "--seeds", "0", "--minutes", "0.1,all", *BRIEF, "--json"
     ).json

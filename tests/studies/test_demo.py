@@ -25,7 +25,7 @@ from nas_data.studies.demo import naming, plan
 from nas_data.studies.demo.naming import FOLDER
 from nas_data.studies.demo.pipeline import STAGES
 from nas_data.studies.demo.plan import FULL, NAMED, Demo
-from nas_data.studies.demo.recording import DATASETS, HELDOUT, TRAIN, newest
+from nas_data.studies.demo.recording import DATASETS, HELDOUT, TRAIN, find_newest
 
 SMALLER = {"episodes": 6, "frames": 256, "rollout": 256, "minibatches": 2, "epochs": 1, "judged": 2}
 WHOLE = plan.QUICK
@@ -126,7 +126,7 @@ def test_every_stage_says_what_it_does_and_how_long_it_took(demo):
 def test_the_datasets_are_whole_and_name_target_and_source(demo):
     folder, _ = demo
     for name, episodes in ((TRAIN, QUICK.episodes), (HELDOUT, QUICK.heldout)):
-        path = newest(Demo(QUICK, folder, print), name)
+        path = find_newest(Demo(QUICK, folder, print), name)
         assert verify(path) == []
         dataset = read(path)
         assert dataset.paired
@@ -140,7 +140,7 @@ def test_the_datasets_are_whole_and_name_target_and_source(demo):
 
 def test_the_recording_is_the_targets_motion_to_the_sensors_resolution(demo):
     folder, _ = demo
-    dataset = read(newest(Demo(QUICK, folder, print), HELDOUT))
+    dataset = read(find_newest(Demo(QUICK, folder, print), HELDOUT))
     shape = (dataset.n_episodes, int(dataset.lengths[0]), -1)
     columns = (dataset.states, dataset.commands, dataset.next_states)
     states, commands, after = (column.reshape(shape).astype(float) for column in columns)
@@ -155,7 +155,7 @@ def test_the_recording_is_the_targets_motion_to_the_sensors_resolution(demo):
 
 def test_joints_that_the_task_does_not_act_on_are_commanded_to_stay(demo):
     folder, _ = demo
-    commands = read(newest(Demo(QUICK, folder, print), TRAIN)).commands
+    commands = read(find_newest(Demo(QUICK, folder, print), TRAIN)).commands
     assert not commands[:, [0, 3]].any()
     assert (commands[:, [1, 2, 4, 5]].std(axis=0) > 0.3).all()
 
@@ -171,7 +171,7 @@ def test_the_page_says_what_the_files_say(demo):
         record = json.loads((folder / f"policies/{method}/seed0/result.json").read_text())
         assert f"<td>{record['score']['return']:.2f}</td>" in page
     for name in (TRAIN, HELDOUT):
-        assert read_provenance(newest(Demo(QUICK, folder, print), name)).content_hash in page
+        assert read_provenance(find_newest(Demo(QUICK, folder, print), name)).content_hash in page
     drawn = re.findall(r'class="chart" id="(.*?)"', page)
     models = ["errors_of_hinges", "trajectory", "error_growth"]
     assert drawn == [*models, "returns_on_target", "learning_curves", "success", "model_training"]

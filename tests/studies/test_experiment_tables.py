@@ -14,21 +14,25 @@ from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.envs.pusher import TORQUE
 from nas_data.errors import JobsFailed, OptionError, UnknownName
 from nas_data.policies.compare import Comparison, Study
-from nas_data.policies.intervals import median_interval
+from nas_data.policies.intervals import compute_median_interval
 from nas_data.policies.result import DivergedEpisodes
-from nas_data.policies.share import stake
+from nas_data.policies.share import compute_stake
 from nas_data.recorders.recipe import CommandKind, Recipe
-from nas_data.reports.prediction_figures import growth, quartiles
+from nas_data.reports.prediction_figures import draw_error_growth, quartiles
 from nas_data.studies.experiments import figure6
 from nas_data.studies.experiments.pipeline import compare_methods, run, stages
 from nas_data.studies.experiments.pipeline.artifacts import Artifacts, MaterialPlan
-from nas_data.studies.experiments.pipeline.authors import RETURNS, remarks
-from nas_data.studies.experiments.pipeline.compare_methods import hyperparameters
+from nas_data.studies.experiments.pipeline.authors import RETURNS, list_remarks
+from nas_data.studies.experiments.pipeline.compare_methods import make_hyperparameters
 from nas_data.studies.experiments.pipeline.dynamics import describe_dynamics
 from nas_data.studies.experiments.pipeline.methods import METHODS
-from nas_data.studies.experiments.pipeline.run import conduct, stem_of
+from nas_data.studies.experiments.pipeline.run import conduct, format_stem
 from nas_data.studies.experiments.pipeline.sizes import FULL, PPO
-from nas_data.studies.experiments.pipeline.table_notes import describe_paired, describe_return_differences, on_intervals
+from nas_data.studies.experiments.pipeline.table_notes import (
+    describe_intervals,
+    describe_paired,
+    describe_return_differences,
+)
 
 ENDS = ("expert", "source")
 
@@ -51,7 +55,7 @@ def test_each_environment_is_written_when_it_is_done_and_a_failure_leaves_the_ot
 
     def failing(name, experiment, asked):
         if asked.environments[-1] == "ErgoReacher":
-            assert (tmp_path / f"{stem_of(name, tiny_of(asked, 'Pusher'))}.json").is_file()
+            assert (tmp_path / f"{format_stem(name, tiny_of(asked, 'Pusher'))}.json").is_file()
             raise OptionError("no reacher today")
         return original(name, experiment, asked)
 
@@ -84,7 +88,7 @@ def tiny_of(request, *environments):
     ],
 )
 def test_a_part_of_an_experiment_has_other_files_than_the_whole(tmp_path, changes, end):
-    assert stem_of("figure5", tiny(tmp_path, "Pusher", **changes)) == f"figure5-Pusher-backlash-tiny{end}"
+    assert format_stem("figure5", tiny(tmp_path, "Pusher", **changes)) == f"figure5-Pusher-backlash-tiny{end}"
 
 
 # --- the order of work
@@ -124,9 +128,9 @@ def test_a_method_without_the_ends_is_told_what_they_would_tell(tmp_path):
 
 
 def test_the_authors_numbers_are_said_to_be_of_what_they_are_of():
-    assert remarks(["Striker"]) == []  # never published in numbers
-    (simulated,) = remarks(["Pusher", "Striker", "ErgoReacher"])
-    (real,) = remarks(["ErgoShield"])
+    assert list_remarks(["Striker"]) == []  # never published in numbers
+    (simulated,) = list_remarks(["Pusher", "Striker", "ErgoReacher"])
+    (real,) = list_remarks(["ErgoShield"])
     assert "'paper'" in simulated
     assert "real arm" in real and "'paper'" in real
 
@@ -184,7 +188,7 @@ def test_a_recipe_that_is_not_varied_holds_its_actions_in_turn():
 
 
 def test_the_authors_ppo_is_one_process_of_2048_steps_in_minibatches_of_64():
-    theirs, ours = hyperparameters(FULL.with_ppo("authors")), hyperparameters(FULL)
+    theirs, ours = make_hyperparameters(FULL.with_ppo("authors")), make_hyperparameters(FULL)
     assert (theirs.arms, theirs.rollout, theirs.rollout // theirs.minibatches, theirs.epochs) == (1, 2048, 64, 10)
     assert (ours.arms, ours.rollout) == (16, 8192)
     assert FULL.with_ppo("authors").policies != FULL.policies == "2000000"
@@ -255,18 +259,18 @@ def test_the_interval_of_few_seeds_is_their_range_and_holds_the_median_as_often_
     rng = np.random.default_rng(0)
     draws = rng.normal(0, 1, (20_000, seeds))
     held = (draws.min(axis=1) < 0) & (draws.max(axis=1) > 0)
-    found = median_interval(draws[0])
+    found = compute_median_interval(draws[0])
     assert (found.low, found.high) == (draws[0].min(), draws[0].max())
     assert held.mean() == pytest.approx(found.level, abs=0.01)
     assert "95" not in found.kind
-    assert f"{found.level:.0%}" in on_intervals(seeds)
+    assert f"{found.level:.0%}" in describe_intervals(seeds)
 
 
 def test_the_interval_of_more_seeds_is_a_bootstrap_within_their_range():
-    found = median_interval(np.arange(20.0))
+    found = compute_median_interval(np.arange(20.0))
     assert 0 < found.low < 9.5 < found.high < 19
     assert found.kind == "bootstrap, 95%"
-    assert on_intervals(20) == ""
+    assert describe_intervals(20) == ""
 
 
 def test_named_and_phi_is_compared_with_phi_alone_seed_by_seed():
@@ -289,11 +293,11 @@ def test_episodes_that_left_all_bounds_are_told_by_method():
 
 
 def test_where_source_and_expert_overlap_nothing_is_at_stake():
-    apart = stake(np.array([-122.0, -120.0, -130.0]), np.array([-67.0, -70.0, -66.0]))
+    apart = compute_stake(np.array([-122.0, -120.0, -130.0]), np.array([-67.0, -70.0, -66.0]))
     assert apart.shown and apart.sentence() is None
-    alike = stake(np.array([-70.0, -66.0, -68.0]), np.array([-67.0, -69.0, -66.5]))
+    alike = compute_stake(np.array([-70.0, -66.0, -68.0]), np.array([-67.0, -69.0, -66.5]))
     assert not alike.shown and "nothing is at stake" in alike.sentence()
-    assert not stake(np.array([1.0]), np.array([1.0])).shown
+    assert not compute_stake(np.array([1.0]), np.array([1.0])).shown
     found = comparison(source=[-70.0, -66.0, -68.0], expert=[-67.0, -69.0, -66.5])
     assert found.describe()["at_stake"]["shown"] is False
     assert alike.sentence() in found.table()
@@ -301,7 +305,7 @@ def test_where_source_and_expert_overlap_nothing_is_at_stake():
 
 def test_the_authors_medians_and_means_stand_beside_ours_of_the_same_kind():
     found = comparison(expert=[-70.0, -60.0, -50.0])
-    cells = dict(zip(compare_methods.headers(3), compare_methods.row(found, "Pusher", "expert"), strict=True))
+    cells = dict(zip(compare_methods.make_headers(3), compare_methods.make_row(found, "Pusher", "expert"), strict=True))
     assert (cells["authors: median"], cells["authors: mean"]) == ("-67.84", "-67.85")
     assert cells["mean"] == "-60.00"
     described = RETURNS["ergo_reacher"]["source"].describe()
@@ -320,7 +324,9 @@ def test_a_rollout_that_diverged_counts_as_infinitely_wrong_and_a_short_one_not_
 
 
 def test_a_curve_of_diverged_rollouts_is_drawn():
-    figure = growth({"source": [np.array([0.1, np.nan]), np.array([0.2, np.nan])], "hold": [np.array([0.1, 0.3])]}, 0.1)
+    figure = draw_error_growth(
+        {"source": [np.array([0.1, np.nan]), np.array([0.2, np.nan])], "hold": [np.array([0.1, 0.3])]}, 0.1
+    )
     (axes,) = figure.axes
     assert np.isfinite(axes.get_ylim()).all()
 

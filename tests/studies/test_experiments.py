@@ -17,17 +17,17 @@ from nas_data.dataset.verify import verify
 from nas_data.effects.base import parse
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import OptionError, OutputExists, UnknownName
-from nas_data.gap.side_by_side import shares_cores
+from nas_data.gap.side_by_side import is_sharing_cores
 from nas_data.gap.write_model import write_effects
 from nas_data.studies.experiments import figure6
 from nas_data.studies.experiments.base import FOLDER, Experiment, find_experiment
-from nas_data.studies.experiments.figure6 import smallest
+from nas_data.studies.experiments.figure6 import find_sufficient_count
 from nas_data.studies.experiments.pipeline import authors, sample_size, stages
 from nas_data.studies.experiments.pipeline.artifacts import Artifacts, MaterialPlan
-from nas_data.studies.experiments.pipeline.methods import METHODS, needs_of
-from nas_data.studies.experiments.pipeline.run import conduct, stem_of
+from nas_data.studies.experiments.pipeline.methods import METHODS, list_needed_stages
+from nas_data.studies.experiments.pipeline.run import conduct, format_stem
 from nas_data.studies.experiments.pipeline.sizes import FULL, QUICK, RECORDINGS
-from nas_data.studies.experiments.table1 import PREDICTORS, differences, statistics
+from nas_data.studies.experiments.table1 import PREDICTORS, compute_differences, compute_statistics
 
 CHEAP = ("expert", "source", "nas", "randomised")  # without `nas gap`, which takes minutes
 PART = "figure5-Pusher-backlash-tiny-methods-expert-source-nas-randomised"
@@ -158,7 +158,7 @@ def test_the_experiments_share_recordings_and_models(folder):
 def test_the_target_may_be_computed_by_another_engine(tmp_path):
     request = tiny(tmp_path, "ErgoReacher", dynamics="source", engine="bullet", methods=("source", "nas"), seeds=(0,))
     found = conduct("figure5", request)
-    assert stem_of("figure5", request).startswith("figure5-ErgoReacher-source-bullet-")
+    assert format_stem("figure5", request).startswith("figure5-ErgoReacher-source-bullet-")
     assert "'source' in PyBullet" in found.text
     assert "The target is computed by PyBullet, the source by MuJoCo." in found.text
     material = request.material("ErgoReacher", ("record",))
@@ -259,9 +259,9 @@ class Predicted:
 
 
 def test_differences_are_in_units_of_right_angles_and_what_diverged_counts_as_infinite():
-    np.testing.assert_allclose(differences(Predicted, "source", [0, 1]), [1, 2, 3, np.inf])
-    assert statistics(Predicted, "source", [0, 1])["third_quartile"] == pytest.approx(3.0)
-    assert statistics(Predicted, "source", [0])["mean"] == pytest.approx(1.5)
+    np.testing.assert_allclose(compute_differences(Predicted, "source", [0, 1]), [1, 2, 3, np.inf])
+    assert compute_statistics(Predicted, "source", [0, 1])["third_quartile"] == pytest.approx(3.0)
+    assert compute_statistics(Predicted, "source", [0])["mean"] == pytest.approx(1.5)
 
 
 # --- figure 6 and 8
@@ -301,7 +301,7 @@ def test_figure6_names_from_each_subset_and_learns_on_the_names(tmp_path, monkey
 
     def investigate(dataset, *arguments):
         asked.append(read(dataset).n_episodes)
-        alone.append(not shares_cores())
+        alone.append(not is_sharing_cores())
         return named_by("backlash:joint=j1,half_width=0.1", episodes=TINY.counts)(dataset, *arguments)
 
     monkeypatch.setattr(sample_size.workflow, "investigate", investigate)
@@ -374,7 +374,7 @@ def test_figure6_refuses_methods_that_learn_from_no_recording(tmp_path):
     [((-100, -68, -67), 25), ((-100, -90, -67), 50), ((10, 10, 10), 10), ((9.4, 9.6, 10.0), 25), ((-1, -2, -3), 10)],
 )
 def test_enough_is_within_five_per_cent_of_the_best(medians, enough):
-    assert smallest((10, 25, 50), np.array(medians, dtype=float)[:, None]) == enough
+    assert find_sufficient_count((10, 25, 50), np.array(medians, dtype=float)[:, None]) == enough
 
 
 def test_figure8_counts_hits_and_draws_a_response(tmp_path):
@@ -383,7 +383,7 @@ def test_figure8_counts_hits_and_draws_a_response(tmp_path):
     assert set(shield["methods"]) == {"source", "nas"}
     assert shield["authors"]["nas"]["values"] == [20.17, 11.95]
     assert np.shape(shield["response"]["positions"]["source + φ"]) == (300, 6)
-    assert (tmp_path / f"{stem_of('figure8', request)}-response.png").is_file()
+    assert (tmp_path / f"{format_stem('figure8', request)}-response.png").is_file()
 
 
 @pytest.mark.slow
@@ -467,26 +467,26 @@ def test_what_one_model_lost_is_made_again_and_the_other_kept(folder, tmp_path):
 # --- the registry, names and numbers
 
 
-@pytest.mark.parametrize("name", registry.names(FOLDER))
+@pytest.mark.parametrize("name", registry.list_names(FOLDER))
 def test_every_file_of_the_folder_is_an_experiment_with_a_command(name):
     experiment = find_experiment(name)
     assert isinstance(experiment, Experiment)
     assert experiment.title
     for environment in experiment.environments:
         assert "backlash" in DynamicsSpec(environment).task.dynamics
-    assert f"experiment_{name}" in registry.names("commands")
+    assert f"experiment_{name}" in registry.list_names("commands")
 
 
 def test_other_environments_have_other_files(tmp_path):
     three = find_experiment("figure5").environments
-    names = [stem_of("figure5", tiny(tmp_path, *chosen)) for chosen in (three, three[:2], three[:1], three[::-1])]
+    names = [format_stem("figure5", tiny(tmp_path, *chosen)) for chosen in (three, three[:2], three[:1], three[::-1])]
     assert names[0] == "figure5-backlash-tiny"
     assert names[1] == "figure5-Pusher-Striker-backlash-tiny"
     assert len(set(names)) == 4
 
 
 def test_the_experiments_of_the_paper_are_there():
-    assert set(registry.names(FOLDER)) >= {"figure4", "figure5", "figure6", "figure8", "table1"}
+    assert set(registry.list_names(FOLDER)) >= {"figure4", "figure5", "figure6", "figure8", "table1"}
 
 
 @pytest.mark.parametrize(
@@ -520,8 +520,8 @@ def test_unknown_experiments_and_methods_list_the_choices(tmp_path):
 
 
 def test_methods_take_only_the_material_that_they_need():
-    assert needs_of(("expert", "source", "randomised")) == set()
-    assert needs_of(("nas",)) == {"phi"}
+    assert list_needed_stages(("expert", "source", "randomised")) == set()
+    assert list_needed_stages(("nas",)) == {"phi"}
     assert set(METHODS) == {"expert", "source", "forward", "nas", "named", "named_nas", "randomised"}
 
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from nas_data.benchmarks.blind.answer import SealedAnswer
-from nas_data.benchmarks.blind.arms import NominalArm, ergojr, random_arm
+from nas_data.benchmarks.blind.arms import NominalArm, build_ergojr, draw_random_arm
 from nas_data.benchmarks.blind.case import Case, Identity
 from nas_data.benchmarks.blind.conditions import Conditions
-from nas_data.benchmarks.blind.draw import draw_case, scripts
+from nas_data.benchmarks.blind.draw import draw_case, make_scripts
 from nas_data.benchmarks.blind.plants.base import find_plant
 from nas_data.benchmarks.blind.plants.constants import Constants
 from nas_data.benchmarks.blind.plants.mujoco_plant import multiply
@@ -30,7 +30,7 @@ PERIOD = 0.01  # [s]
 
 def arms() -> list[NominalArm]:
     """Return an arm of either sort."""
-    return [ergojr(), random_arm(np.random.default_rng(3))]
+    return [build_ergojr(), draw_random_arm(np.random.default_rng(3))]
 
 
 def steps(episodes: int, seconds: float, seed: int = 1, hold: int = 30) -> tuple[np.ndarray, np.ndarray]:
@@ -59,7 +59,7 @@ def followed(number: int) -> tuple[NominalArm, Conditions, Tape]:
     """Return a machine of the setting `torque`, its conditions, and what its nominal self did."""
     identity = Identity("none", "numpy", number, 5, setting="torque")
     arm, conditions = torque.SETTING.draw(identity)
-    handed, _ = scripts(arm, conditions, torque.SETTING.episodes, identity.stream("commands"))
+    handed, _ = make_scripts(arm, conditions, torque.SETTING.episodes, identity.stream("commands"))
     return arm, conditions, handed("numpy", Truth(Base.nominal(len(arm.joints))))
 
 

@@ -11,7 +11,7 @@ from support.recording_samples import GAP, pendulum, recorded_on, wander
 
 from nas_data.cli import main
 from nas_data.dataset.provenance import Provenance
-from nas_data.dataset.versions import new_version
+from nas_data.dataset.versions import write_version
 
 SIMULATED = Provenance(how="simulated", robot="pendulum")
 FAST = ("--hidden", "8", "--updates", "0", "--epochs", "2", "--device", "cpu")
@@ -64,7 +64,7 @@ def furnish(root: Path) -> Place:
     before = Path.cwd()
     os.chdir(root)
     try:
-        raw = new_version(recorded_on(pendulum(*GAP), wander((60,) * 8)), "swing", SIMULATED)
+        raw = write_version(recorded_on(pendulum(*GAP), wander((60,) * 8)), "swing", SIMULATED)
         paired = Path(done("pair", "datasets/swing", "--model", "pendulum", "--json").json["dataset"])
         done("train", "delta", "datasets/swing", "--out", "runs/phi", *FAST)
         done("train", "forward", "datasets/swing", "--out", "runs/psi", *FAST)

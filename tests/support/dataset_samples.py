@@ -13,9 +13,9 @@ from nas_data.dataset.features import (
     STATE,
     TIME,
     Feature,
-    position_feature,
-    state_feature,
-    time_feature,
+    make_position_feature,
+    make_state_feature,
+    make_time_feature,
 )
 
 JOINTS = ("m1", "m2", "m3")
@@ -29,10 +29,10 @@ def recorded(lengths=(5, 7, 5), fps=50.0, seed=0, joints=JOINTS, tasks=("walk", 
     n = len(joints)
     chains = [np.cumsum(rng.normal(scale=0.01, size=(length + 1, 2 * n)), axis=0) for length in lengths]
     features = {
-        STATE: state_feature(joints),
-        ACTION: position_feature(joints),
-        NEXT_STATE: state_feature(joints),
-        TIME: time_feature(),
+        STATE: make_state_feature(joints),
+        ACTION: make_position_feature(joints),
+        NEXT_STATE: make_state_feature(joints),
+        TIME: make_time_feature(),
         "next.done": Feature(("next.done",), dtype="bool"),
     }
     columns = {

@@ -13,8 +13,8 @@ from nas_data.hardware.arms.line import open_line
 from nas_data.hardware.virtual_bus.options import Options
 from nas_data.hardware.virtual_bus.process import VirtualBus
 from nas_data.recorders.lerobot_arm import LeRobotDriver
-from nas_data.recorders.lerobot_frame import frame_of
-from nas_data.recorders.lerobot_robot import RobotRequest, make_robot, virtual_arm
+from nas_data.recorders.lerobot_frame import compute_frame
+from nas_data.recorders.lerobot_robot import RobotRequest, calibrate_virtual_arm, make_robot
 from nas_data.robots.base import find_robot
 
 ROBOT = find_robot("so101_follower")
@@ -34,7 +34,7 @@ def request(folder: Path, kind: str = "so101_follower", **options: str) -> Robot
 def arm_of(folder: Path, kind: str = "so101_follower") -> Options:
     """Calibrate a virtual arm: write LeRobot's file, return what it is started with."""
     robot = make_robot(request(folder, kind), "virtual")
-    options = virtual_arm(request(folder, kind), robot, PERIOD)
+    options = calibrate_virtual_arm(request(folder, kind), robot, PERIOD)
     robot._save_calibration()
     return options
 
@@ -50,7 +50,7 @@ def virtual(folder: Path, *faults: str, kind: str = "so101_follower", **changes:
 def driver(folder: Path, port: str, kind: str = "so101_follower", **options: str) -> LeRobotDriver:
     """Return the driver of such an arm."""
     robot = make_robot(request(folder, kind, **options), port)
-    return LeRobotDriver(robot=robot, kind=kind, frame=frame_of(ROBOT, robot.bus, robot.calibration))
+    return LeRobotDriver(robot=robot, kind=kind, frame=compute_frame(ROBOT, robot.bus, robot.calibration))
 
 
 def torques(known: LeRobotDriver) -> list[int]:

@@ -11,8 +11,8 @@ from nas_data.dataset.features import (
     POSITION,
     SIM_STATE,
     STATE,
-    action_feature,
-    state_feature,
+    make_action_feature,
+    make_state_feature,
 )
 from nas_data.effects.servo_stiffness import ServoStiffness
 from nas_data.effects.viscous_friction import ViscousFriction
@@ -52,12 +52,12 @@ def recorded_on(target: Simulator, commands: Sequence[np.ndarray], seed: int = 0
     for episode in commands:
         start = np.concatenate([episode[0] if set(target.kinds) == {POSITION} else rng.uniform(-1, 1, n), np.zeros(n)])
         chains.append(np.concatenate([start[None], target.rollout(start[None], episode[None])[0]]))
-    action = action_feature(target.joints, target.kinds)
+    action = make_action_feature(target.joints, target.kinds)
     return Dataset(
         features={
-            STATE: state_feature(target.joints),
+            STATE: make_state_feature(target.joints),
             ACTION: action,
-            NEXT_STATE: state_feature(target.joints),
+            NEXT_STATE: make_state_feature(target.joints),
         },
         columns={
             STATE: np.concatenate([chain[:-1] for chain in chains]).astype(np.float32),

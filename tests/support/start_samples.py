@@ -5,7 +5,14 @@ from dataclasses import replace
 import numpy as np
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, effort_feature, position_feature, state_feature
+from nas_data.dataset.features import (
+    ACTION,
+    NEXT_STATE,
+    STATE,
+    make_effort_feature,
+    make_position_feature,
+    make_state_feature,
+)
 from nas_data.dataset.transitions import estimate_velocities
 
 
@@ -23,8 +30,8 @@ def seen(
     }[formula]
     states = np.stack([positions, computed], axis=-1).astype(np.float32)
     joints = ("joint",)
-    command = (effort_feature if effort else position_feature)(joints)
-    features = {STATE: state_feature(joints), ACTION: command, NEXT_STATE: state_feature(joints)}
+    command = (make_effort_feature if effort else make_position_feature)(joints)
+    features = {STATE: make_state_feature(joints), ACTION: command, NEXT_STATE: make_state_feature(joints)}
     columns = {
         STATE: states[:, :-1].reshape(-1, 2),
         ACTION: states[:, 1:, :1].reshape(-1, 1),
@@ -37,6 +44,10 @@ def derived_torques(positions: np.ndarray, torques: np.ndarray, rate: float) -> 
     """Return positions [rad] and torques [N·m] of one joint 'spindle', shape (E, T), as transitions; speeds derived."""
     dataset = seen(positions, np.zeros_like(positions), rate, effort=True)
     joints = ("spindle",)
-    features = {STATE: state_feature(joints), ACTION: effort_feature(joints), NEXT_STATE: state_feature(joints)}
+    features = {
+        STATE: make_state_feature(joints),
+        ACTION: make_effort_feature(joints),
+        NEXT_STATE: make_state_feature(joints),
+    }
     told = torques[:, :-1].reshape(-1, 1).astype(np.float32)
     return replace(dataset, features=features, columns={**dataset.columns, ACTION: told})

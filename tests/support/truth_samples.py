@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, action_feature, state_feature
+from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, make_action_feature, make_state_feature
 from nas_data.robots.base import find_robot
 
 FOLDER = Path(__file__).with_name("model_files")
@@ -57,9 +57,9 @@ def record_truth(
             mujoco.mj_step(model, data, steps)
             commands.append(scale * control)
             after.append([*data.qpos[q], *data.qvel[v]])
-    state = state_feature(joints)
+    state = make_state_feature(joints)
     return Dataset(
-        features={STATE: state, ACTION: action_feature(joints, kinds), NEXT_STATE: state},
+        features={STATE: state, ACTION: make_action_feature(joints, kinds), NEXT_STATE: state},
         columns={STATE: np.array(states), ACTION: np.array(commands), NEXT_STATE: np.array(after)},
         lengths=np.full(episodes, 60),
         fps=1 / PERIOD,

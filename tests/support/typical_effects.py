@@ -3,7 +3,7 @@
 from nas_data import registry
 from nas_data.effects.base import Effect, find_effect, make_effect
 
-NAMES = registry.names("effects")
+NAMES = registry.list_names("effects")
 OF_OBJECTS = {"object_mass", "object_friction"}
 JOINT = "m3"
 # a size of each parameter that is typical of a hobby servo

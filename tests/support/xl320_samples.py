@@ -8,7 +8,7 @@ import pytest
 from nas_data.hardware.virtual_bus.options import Options
 from nas_data.hardware.virtual_bus.process import VirtualBus
 from nas_data.hardware.xl320.arm import Xl320Arm
-from nas_data.hardware.xl320.ergojr import ergojr_joints
+from nas_data.hardware.xl320.ergojr import make_ergojr_joints
 
 
 @contextmanager
@@ -22,7 +22,7 @@ def virtual(*faults: str, effects: tuple[str, ...] = (), offsets: tuple[int, ...
 @contextmanager
 def connected(*faults: str, effects: tuple[str, ...] = (), offsets: tuple[int, ...] = ()) -> Iterator[Xl320Arm]:
     """Yield a driver on a virtual arm."""
-    with virtual(*faults, effects=effects, offsets=offsets) as bus, Xl320Arm(bus.port, ergojr_joints()) as arm:
+    with virtual(*faults, effects=effects, offsets=offsets) as bus, Xl320Arm(bus.port, make_ergojr_joints()) as arm:
         yield arm
 
 
@@ -39,7 +39,7 @@ def be_quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def torques(port: str) -> list[int]:
     """Read the torque of every servo; the port may still be someone else's for a moment."""
-    joints = ergojr_joints()
+    joints = make_ergojr_joints()
     arm = Xl320Arm(port, joints)
     found = [arm.bus.get(identity, "torque_enable") for identity in joints.ids]
     arm.close()

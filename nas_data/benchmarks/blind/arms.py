@@ -43,10 +43,10 @@ class NominalArm:
 
 def draw_arm(rng: np.random.Generator) -> NominalArm:
     """Return the Ergo Jr in half of all draws, else a random arm."""
-    return ergojr() if rng.random() < 0.5 else random_arm(rng)
+    return build_ergojr() if rng.random() < 0.5 else draw_random_arm(rng)
 
 
-def ergojr() -> NominalArm:
+def build_ergojr() -> NominalArm:
     """Return the Ergo Jr without floor, contacts and joint limits, which no plant has."""
     robot = find_robot("ergojr")
     spec = robot.spec()
@@ -62,15 +62,15 @@ def ergojr() -> NominalArm:
     return NominalArm("ergojr", spec.to_xml(), robot.joints)
 
 
-def random_arm(rng: np.random.Generator, count: int = JOINTS) -> NominalArm:
+def draw_random_arm(rng: np.random.Generator, count: int = JOINTS) -> NominalArm:
     """Return joints with random axes, lengths, masses and servos, each servo strong enough for its place."""
     axes = draw_axes(rng, count)
     lengths = np.exp(rng.uniform(np.log(0.03), np.log(0.12), count))
     masses = rng.uniform(0.008, 0.022, count)
-    beyond = [gravity_and_inertia(lengths[link:], masses[link:]) for link in range(count)]
-    servos = [servo(rng, torque, inertia) for torque, inertia in beyond]
+    beyond = [compute_gravity_and_inertia(lengths[link:], masses[link:]) for link in range(count)]
+    servos = [draw_servo(rng, torque, inertia) for torque, inertia in beyond]
     joints = tuple(f"j{number}" for number in range(1, count + 1))
-    return NominalArm("random_arm", mjcf(joints, axes, lengths, masses, servos), joints)
+    return NominalArm("random_arm", format_mjcf(joints, axes, lengths, masses, servos), joints)
 
 
 def draw_axes(rng: np.random.Generator, count: int) -> list[int]:
@@ -83,13 +83,13 @@ def draw_axes(rng: np.random.Generator, count: int) -> list[int]:
     return axes
 
 
-def gravity_and_inertia(lengths: np.ndarray, masses: np.ndarray) -> tuple[float, float]:
+def compute_gravity_and_inertia(lengths: np.ndarray, masses: np.ndarray) -> tuple[float, float]:
     """Return the gravity torque [N m] and inertia [kg m²] about the first joint of links stretched out level."""
     centres = np.cumsum(lengths) - lengths / 2
     return float(GRAVITY * (masses * centres).sum()), float((masses * (centres**2 + lengths**2 / 12)).sum())
 
 
-def servo(rng: np.random.Generator, torque: float, inertia: float) -> dict[str, float]:
+def draw_servo(rng: np.random.Generator, torque: float, inertia: float) -> dict[str, float]:
     """Draw a servo: an XL-320 give or take, scaled up where the arm beyond it needs more."""
     scale = max(1.0, SPARE * torque / LIMIT)
     drawn = dict(zip(("gain", "limit", "armature", "friction"), rng.uniform(0.75, 1.35, 4).tolist(), strict=True))
@@ -106,7 +106,7 @@ def servo(rng: np.random.Generator, torque: float, inertia: float) -> dict[str, 
     }
 
 
-def mjcf(
+def format_mjcf(
     joints: tuple[str, ...], axes: list[int], lengths: np.ndarray, masses: np.ndarray, servos: list[dict[str, float]]
 ) -> str:
     """Write a random arm: links along z, the first joint 5 cm above the base."""

@@ -109,11 +109,11 @@ def tell(record: Record) -> str:
     after, floor = fresh["after"], fresh["floor"]
     rest = "no usable model" if after is None else f"{after / floor:.1f} floors left"
     right = "right" if record["exact"] else "CONFIDENTLY WRONG" if record["confident_wrong"] else "not exact"
-    names = f"{words(record['true'])} → {words(record['named'])}"
+    names = f"{format_effects(record['true'])} → {format_effects(record['named'])}"
     return f"{record['case']}: {right}, {record['verdict']}, {rest}, {record['seconds']:.0f} s: {names}"
 
 
-def words(names: object) -> str:
+def format_effects(names: object) -> str:
     """Return effects as words."""
     assert isinstance(names, list)
     return ", ".join(f"{effect} {joint}" if joint else str(effect) for effect, joint in names) or "nothing"

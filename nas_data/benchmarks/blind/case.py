@@ -116,7 +116,7 @@ class Case:
         """Return the sealed answer."""
         constants = Constants.of(self.arm.model())
         effects = tuple(
-            HiddenEntry(**vars(hidden), mark=mark, marked_joint=joint, equals=equals_of(constants, hidden))
+            HiddenEntry(**vars(hidden), mark=mark, marked_joint=joint, equals=find_equivalents(constants, hidden))
             for hidden, mark, joint in zip(self.truth.hidden, self.marks, self.marked_joints, strict=True)
         )
         return SealedAnswer(
@@ -131,17 +131,17 @@ class Case:
         )
 
 
-def equals_of(constants: Constants, hidden: Hidden) -> tuple[Name, ...] | None:
+def find_equivalents(constants: Constants, hidden: Hidden) -> tuple[Name, ...] | None:
     """Return other names of a hidden effect that no recording could distinguish from it; None if there are none.
 
     On a single axis that gravity does not load, a payload and a rotor inertia are one inertia.
     """
-    if len(constants.joints) > 1 or hidden.effect not in ("payload", "rotor_inertia") or gravity_acts(constants):
+    if len(constants.joints) > 1 or hidden.effect not in ("payload", "rotor_inertia") or has_gravity_load(constants):
         return None
     return (("rotor_inertia", constants.joints[0]),) if hidden.effect == "payload" else (("payload", None),)
 
 
-def gravity_acts(constants: Constants) -> bool:
+def has_gravity_load(constants: Constants) -> bool:
     """Whether gravity acts along a slide's axis, or turns a hinge, of an arm of one joint."""
     axis = constants.turns[0] @ constants.axes[0]
     weight = constants.masses[0] * constants.gravity

@@ -49,54 +49,54 @@ class EffectDraw:
     apart: str = ""
 
 
-def one(name: str, span: Span) -> Draw:
+def make_draw(name: str, span: Span) -> Draw:
     """Return how a single positive parameter is drawn."""
     return lambda rng, constants, joint, faint: {name: span.draw(rng, faint)}
 
 
-def share(name: str, of: Callable[[Constants], np.ndarray], span: Span) -> Draw:
+def make_scaled_draw(name: str, of: Callable[[Constants], np.ndarray], span: Span) -> Draw:
     """Return how a parameter is drawn as a multiple of a number of the joint."""
     return lambda rng, constants, joint, faint: {name: float(of(constants)[joint]) * span.draw(rng, faint)}
 
 
-def offset(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+def draw_offset(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
     """Half a degree to six, either way."""
     return {"offset": float(rng.choice([-1, 1])) * Span(0.009, 0.1, 0.0008).draw(rng, faint)}
 
 
-def stribeck(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+def draw_stribeck(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
     """A break-away torque that the servo can overcome, falling to a fifth … three quarters of it."""
     return {
-        "torque": float(limit(constants)[joint]) * Span(0.08, 0.4, 0.01).draw(rng, faint),
+        "torque": float(read_torque_limits(constants)[joint]) * Span(0.08, 0.4, 0.01).draw(rng, faint),
         "kinetic_ratio": float(rng.uniform(0.2, 0.7)),
         "stribeck_velocity": Span(0.05, 0.8, 0.05).draw(rng, False),
     }
 
 
-def stiffness(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+def draw_gain_factor(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
     """A gain beyond what ±25 % of the model's own explains, to either side."""
     weaker = rng.random() < 0.5
     return {"factor": (Span(0.3, 0.7, 0.7) if weaker else Span(1.4, 2.5, 1.4)).draw(rng, faint)}
 
 
-def tilt(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+def draw_tilt(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
     """One to fifteen degrees in a random direction."""
     angle, direction = Span(0.02, 0.26, 0.002).draw(rng, faint), rng.uniform(0, 2 * np.pi)
     return {"roll": float(angle * np.cos(direction)), "pitch": float(angle * np.sin(direction))}
 
 
-def load(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+def draw_payload_mass(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
     """A twentieth to a half of the arm's moving mass."""
     return {"mass": float(constants.masses.sum()) * Span(0.05, 0.5, 0.004).draw(rng, faint)}
 
 
-def cogs(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+def draw_cogging(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
     """A torque that comes back eight to thirty times a turn."""
-    torque = float(limit(constants)[joint]) * Span(0.1, 0.5, 0.01).draw(rng, faint)
+    torque = float(read_torque_limits(constants)[joint]) * Span(0.1, 0.5, 0.01).draw(rng, faint)
     return {"torque": torque, "count": float(rng.integers(8, 31)), "phase": float(rng.uniform(0, 2 * np.pi))}
 
 
-def cable(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+def draw_cable(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
     """A stiffness below the servo's own, slack over part of the joint's range."""
     return {
         "stiffness": float(constants.gain[joint]) * Span(0.08, 0.6, 0.01).draw(rng, faint),
@@ -105,7 +105,7 @@ def cable(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
     }
 
 
-def swing(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+def draw_swinging_load(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
     """A weight of a tenth to a half of the arm's moving mass on 3 to 10 cm of string."""
     return {
         "mass": float(constants.masses.sum()) * Span(0.1, 0.5, 0.01).draw(rng, faint),
@@ -114,49 +114,53 @@ def swing(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
     }
 
 
-def limit(constants: Constants) -> np.ndarray:
+def read_torque_limits(constants: Constants) -> np.ndarray:
     """Return the servos' largest torques [N m]."""
     return constants.force[:, 1]
 
 
-def losses(constants: Constants) -> np.ndarray:
+def sum_damping(constants: Constants) -> np.ndarray:
     """Return joint damping and the servo's own [N m s/rad]."""
     return constants.damping + constants.servo_damping
 
 
-def armature(constants: Constants) -> np.ndarray:
+def read_armature(constants: Constants) -> np.ndarray:
     """Return the rotors' inertia [kg m²]."""
     return constants.armature
 
 
-def gain(constants: Constants) -> np.ndarray:
+def read_gains(constants: Constants) -> np.ndarray:
     """Return the position gains [N m/rad]."""
     return constants.gain
 
 
 INSIDE: Mapping[str, EffectDraw] = {
-    "backlash": EffectDraw(one("half_width", Span(0.006, 0.06, 0.0008)), apart="transmission"),
-    "joint_compliance": EffectDraw(share("stiffness", gain, Span(0.6, 20.0, 100.0)), apart="transmission"),
-    "coulomb_friction": EffectDraw(share("torque", limit, Span(0.05, 0.35, 0.005)), apart="dry friction"),
-    "stribeck_friction": EffectDraw(stribeck, apart="dry friction"),
-    "viscous_friction": EffectDraw(share("coefficient", losses, Span(0.5, 4.0, 0.5))),
-    "load_friction": EffectDraw(one("ratio", Span(0.1, 0.6, 0.01)), apart="dry friction"),
-    "rotor_inertia": EffectDraw(share("inertia", armature, Span(0.5, 6.0, 0.5))),
-    "servo_stiffness": EffectDraw(stiffness),
-    "torque_limit": EffectDraw(share("torque", limit, Span(0.5, 0.9, 0.98))),
-    "speed_limit": EffectDraw(one("speed", Span(0.5, 6.0, 12.0))),
-    "command_delay": EffectDraw(one("delay", Span(0.008, 0.12, 0.001)), whole_arm=True, apart="delay"),
-    "joint_offset": EffectDraw(offset),
-    "deadband": EffectDraw(one("half_width", Span(0.008, 0.07, 0.001))),
-    "payload": EffectDraw(load, per_joint=False, whole_arm=True),
-    "base_tilt": EffectDraw(tilt, per_joint=False, whole_arm=True),
+    "backlash": EffectDraw(make_draw("half_width", Span(0.006, 0.06, 0.0008)), apart="transmission"),
+    "joint_compliance": EffectDraw(
+        make_scaled_draw("stiffness", read_gains, Span(0.6, 20.0, 100.0)), apart="transmission"
+    ),
+    "coulomb_friction": EffectDraw(
+        make_scaled_draw("torque", read_torque_limits, Span(0.05, 0.35, 0.005)), apart="dry friction"
+    ),
+    "stribeck_friction": EffectDraw(draw_stribeck, apart="dry friction"),
+    "viscous_friction": EffectDraw(make_scaled_draw("coefficient", sum_damping, Span(0.5, 4.0, 0.5))),
+    "load_friction": EffectDraw(make_draw("ratio", Span(0.1, 0.6, 0.01)), apart="dry friction"),
+    "rotor_inertia": EffectDraw(make_scaled_draw("inertia", read_armature, Span(0.5, 6.0, 0.5))),
+    "servo_stiffness": EffectDraw(draw_gain_factor),
+    "torque_limit": EffectDraw(make_scaled_draw("torque", read_torque_limits, Span(0.5, 0.9, 0.98))),
+    "speed_limit": EffectDraw(make_draw("speed", Span(0.5, 6.0, 12.0))),
+    "command_delay": EffectDraw(make_draw("delay", Span(0.008, 0.12, 0.001)), whole_arm=True, apart="delay"),
+    "joint_offset": EffectDraw(draw_offset),
+    "deadband": EffectDraw(make_draw("half_width", Span(0.008, 0.07, 0.001))),
+    "payload": EffectDraw(draw_payload_mass, per_joint=False, whole_arm=True),
+    "base_tilt": EffectDraw(draw_tilt, per_joint=False, whole_arm=True),
 }
 # what all joints may lack alike: a model without friction, or servos of another make
 EVERYWHERE = (
     "backlash", "coulomb_friction", "deadband", "load_friction", "rotor_inertia", "servo_stiffness", "viscous_friction"
 )  # fmt: skip
 OUTSIDE: Mapping[str, EffectDraw] = {
-    "cogging": EffectDraw(cogs),
-    "cable": EffectDraw(cable),
-    "swinging_load": EffectDraw(swing, per_joint=False, whole_arm=True),
+    "cogging": EffectDraw(draw_cogging),
+    "cable": EffectDraw(draw_cable),
+    "swinging_load": EffectDraw(draw_swinging_load, per_joint=False, whole_arm=True),
 }

@@ -5,28 +5,28 @@ from pathlib import Path
 from typing import TypeAlias
 
 from nas_data.benchmarks.blind.case import Identity
-from nas_data.benchmarks.blind.findings import mapping
+from nas_data.benchmarks.blind.findings import read_mapping
 from nas_data.benchmarks.blind.plants.base import SUFFIX
 from nas_data.benchmarks.blind.sampling import SCREEN
 from nas_data.benchmarks.blind.settings.base import find_setting
 from nas_data.count_of import count_of
 from nas_data.errors import OutputExists
-from nas_data.runs.code_hash import code_hash, gap_modules
+from nas_data.runs.code_hash import hash_code, list_gap_modules
 
 Record: TypeAlias = Mapping[str, object]  # of a finished case
 
 
-def case_code(identity: Identity) -> str:
+def hash_case_code(identity: Identity) -> str:
     """Return the hash of what draws a case, plays it, names what hides in it and grades the names."""
     played_on = {identity.plant, SCREEN, find_setting(identity.setting).screen}
     plants = (f"nas_data.benchmarks.blind.plants.{plant}{SUFFIX}" for plant in played_on)
     setting = f"nas_data.benchmarks.blind.settings.{identity.setting}"
-    return code_hash(*gap_modules(), *plants, setting, "nas_data.benchmarks.blind.run_case")
+    return hash_code(*list_gap_modules(), *plants, setting, "nas_data.benchmarks.blind.run_case")
 
 
-def baseline_code(name: str) -> str:
+def hash_baseline_code(name: str) -> str:
     """Return the hash of what a baseline answers; what grades it is the case's."""
-    return code_hash(f"nas_data.benchmarks.blind.baselines.{name}")
+    return hash_code(f"nas_data.benchmarks.blind.baselines.{name}")
 
 
 def check_code(records: Mapping[Identity, Record], folder: Path) -> None:
@@ -50,9 +50,9 @@ def check_code(records: Mapping[Identity, Record], folder: Path) -> None:
 
 def is_by_this_code(identity: Identity, record: Record) -> bool:
     """Whether a case and all baselines on it were judged by the present code."""
-    answers = {name: mapping(answer) for name, answer in mapping(record.get("baselines", {})).items()}
-    same = all(answer.get("code") == baseline_code(name) for name, answer in answers.items())
-    return same and record.get("code") == case_code(identity)
+    answers = {name: read_mapping(answer) for name, answer in read_mapping(record.get("baselines", {})).items()}
+    same = all(answer.get("code") == hash_baseline_code(name) for name, answer in answers.items())
+    return same and record.get("code") == hash_case_code(identity)
 
 
 def tell_commits(records: Sequence[Record]) -> str:

@@ -34,7 +34,7 @@ def draw_design(rng: np.random.Generator, period: float, excess: float = 1.0) ->
     prefix = str(rng.choice(PREFIXES))
     joints = tuple(f"{prefix}{number}" for number in range(1, count + 1))
     links, style = draw_links(rng, count), draw_style(rng, period)
-    carried = loads(to_mjcf(joints, links, [], style), rng)
+    carried = measure_joint_loads(to_mjcf(joints, links, [], style), rng)
     drawn = [draw_servo(rng, *load) for load in zip(*carried, strict=True)]
     servos = [replace(servo, gain=servo.gain * excess) for servo in drawn]
     return NominalArm("arm", to_mjcf(joints, links, servos, style), joints)
@@ -53,7 +53,7 @@ def draw_style(rng: np.random.Generator, period: float) -> Style:
 
 def draw_links(rng: np.random.Generator, count: int) -> list[Link]:
     """Draw links of about one size, lighter towards the tip, their centres of mass off the line of the joints."""
-    size = logarithmic(rng, LENGTH[0] / SPREAD[0], min(LENGTH[1] / SPREAD[1], LONGEST / count))
+    size = draw_log_uniform(rng, LENGTH[0] / SPREAD[0], min(LENGTH[1] / SPREAD[1], LONGEST / count))
     lengths = size * rng.uniform(*SPREAD, count)
     taper = np.linspace(1.0, rng.uniform(0.4, 1.0), count)
     masses = DENSITY * lengths**2 * rng.uniform(0.5, 1.5, count) * taper
@@ -68,11 +68,11 @@ def draw_link(rng: np.random.Generator, shape: str, before: float, length: float
     axis = np.eye(3)[rng.choice(3, p=[0.4, 0.4, 0.2])] * rng.choice([-1, 1])
     centre = length * np.array([*rng.uniform(-0.15, 0.15, 2), rng.uniform(0.35, 0.65)])
     sizes = SHAPES[shape].format(width=length * rng.uniform(0.05, 0.12), half=0.4 * length)
-    geom = f'type="{shape}" size="{sizes}" pos="{words(centre)}" mass="{mass:.6g}"'
-    return Link(words(np.array([*aside, before])), words(axis), geom)
+    geom = f'type="{shape}" size="{sizes}" pos="{format_numbers(centre)}" mass="{mass:.6g}"'
+    return Link(format_numbers(np.array([*aside, before])), format_numbers(axis), geom)
 
 
-def loads(bare: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def measure_joint_loads(bare: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Return what each joint of an arm without servos carries over random postures.
 
     Args:
@@ -96,21 +96,21 @@ def loads(bare: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 def draw_servo(rng: np.random.Generator, inertia: float, gravity: float) -> JointDrive:
     """Draw a servo by its closed loop: bandwidth, damping ratio, droop under the weight it carries."""
-    frequency = 2 * np.pi * logarithmic(rng, *BANDWIDTH)
-    held = gravity / logarithmic(rng, *DROOP) / frequency**2  # inertia at which such a loop droops no further
+    frequency = 2 * np.pi * draw_log_uniform(rng, *BANDWIDTH)
+    held = gravity / draw_log_uniform(rng, *DROOP) / frequency**2  # inertia at which such a loop droops no further
     armature = max(LIGHTEST, inertia * rng.uniform(*ROTOR), held - inertia)
     gain = (inertia + armature) * frequency**2
     loss = 2 * rng.uniform(*RATIO) * frequency * (inertia + armature)
     own = float(rng.choice([0.0, 0.5, 0.9]))  # part of the damping that is the servo's
-    limit = max(rng.uniform(*SPARE) * gravity, logarithmic(rng, *SPEED) * loss)
+    limit = max(rng.uniform(*SPARE) * gravity, draw_log_uniform(rng, *SPEED) * loss)
     return JointDrive(gain, own * loss, limit, armature, (1 - own) * loss, rng.uniform(*FRICTION) * limit)
 
 
-def logarithmic(rng: np.random.Generator, low: float, high: float) -> float:
+def draw_log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     """Draw log-uniformly."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
-def words(values: np.ndarray) -> str:
+def format_numbers(values: np.ndarray) -> str:
     """Return numbers as MJCF has them."""
     return " ".join(f"{value:.5g}" for value in values)

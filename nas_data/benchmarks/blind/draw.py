@@ -5,7 +5,7 @@ import numpy as np
 from nas_data.benchmarks.blind.arms import NominalArm
 from nas_data.benchmarks.blind.case import DEFAULT, Case, Episodes, Identity
 from nas_data.benchmarks.blind.conditions import Conditions, Sensor
-from nas_data.benchmarks.blind.following import FollowingSession, reach_of
+from nas_data.benchmarks.blind.following import FollowingSession, find_reach
 from nas_data.benchmarks.blind.plants.constants import Constants
 from nas_data.benchmarks.blind.sampling import Hider
 from nas_data.benchmarks.blind.settings.base import Episodes as EpisodesOf
@@ -33,7 +33,7 @@ def draw_case(family: str, plant: str, number: int, seed: int, faint: bool = Fal
     identity = Identity(family, plant, number, seed, faint, setting)
     sort = find_setting(setting)
     arm, conditions = sort.draw(identity)
-    handed, fresh = scripts(arm, conditions, sort.episodes, identity.stream("commands"))
+    handed, fresh = make_scripts(arm, conditions, sort.episodes, identity.stream("commands"))
     hider = Hider(identity, sort, arm, conditions)
     truth, tape, marks = hider.hide(handed)
     later = fresh(plant, truth)
@@ -50,13 +50,13 @@ def draw_case(family: str, plant: str, number: int, seed: int, faint: bool = Fal
     )
 
 
-def scripts(
+def make_scripts(
     arm: NominalArm, conditions: Conditions, episodes: EpisodesOf, rng: np.random.Generator
 ) -> tuple[Script, Script]:
     """Return what is handed over and what is kept back: commands as drawn, or what a controller makes of references."""
     constants, counts = Constants.of(arm.model()), (conditions.episodes, conditions.fresh)
     if conditions.pieces:
-        references, _ = episodes(conditions, sum(counts), reach_of(constants.sliding), rng)
+        references, _ = episodes(conditions, sum(counts), find_reach(constants.sliding), rng)
         session = FollowingSession(arm, conditions, references)
         return session.part(slice(0, counts[0])), session.part(slice(counts[0], None))
     handed, fresh = (Tape(*episodes(conditions, count, constants.control, rng)) for count in counts)

@@ -14,7 +14,7 @@ RESET_SHARE = 0.2  # part of the range in which the paper's resets draw a pose
 SHARE = 0.8  # part of the range that steps use: overshoot stays within a turn's quarter
 
 
-def episodes_of(
+def draw_episodes(
     conditions: Conditions, episodes: int, control: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Draw one set of episodes, in random order.
@@ -28,14 +28,14 @@ def episodes_of(
     Returns:
         Commands (E, T, n) and the poses held before (E, n), rounded to single precision as stored.
     """
-    kinds = [(kind, count) for kind, count in shares(conditions.signal, episodes, rng) if count]
-    parts = [part(kind, conditions, (count, control), rng) for kind, count in kinds]
+    kinds = [(kind, count) for kind, count in divide_episodes(conditions.signal, episodes, rng) if count]
+    parts = [draw_part(kind, conditions, (count, control), rng) for kind, count in kinds]
     commands, poses = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     order = rng.permutation(episodes)
     return as_stored(commands[order]), as_stored(poses[order])
 
 
-def shares(signal: str, episodes: int, rng: np.random.Generator) -> list[tuple[Excitation, int]]:
+def divide_episodes(signal: str, episodes: int, rng: np.random.Generator) -> list[tuple[Excitation, int]]:
     """Return how many episodes each excitation gets."""
     steps = Steps(share=SHARE)
     if signal == "steps":
@@ -45,7 +45,7 @@ def shares(signal: str, episodes: int, rng: np.random.Generator) -> list[tuple[E
     return [(steps, episodes - 2 * quarter), (Triangle(), quarter), (sweep, quarter)]
 
 
-def part(
+def draw_part(
     kind: Excitation, conditions: Conditions, size: tuple[int, np.ndarray], rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return so many commands of such a range, and poses, of one excitation; all but steps start at their signal's."""

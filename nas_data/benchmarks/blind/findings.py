@@ -61,9 +61,9 @@ class EffectEntry:
         intervals = {key: one.interval95 for key, one in self.parameters.items() if one.interval95 is not None}
         return ReportedEffect(
             (self.effect, self.joint),
-            {key: number(one.value) for key, one in self.parameters.items()},
-            {key: (number(low, math.inf), number(high, math.inf)) for key, (low, high) in intervals.items()},
-            number(self.confidence),
+            {key: read_number(one.value) for key, one in self.parameters.items()},
+            {key: (read_number(low, math.inf), read_number(high, math.inf)) for key, (low, high) in intervals.items()},
+            read_number(self.confidence),
             tuple((one.effect, self.joint if one.joint == SAME else one.joint) for one in self.alternatives or ()),
         )
 
@@ -96,12 +96,12 @@ class ReportEntries:
             raise DatasetInvalid(f"The report has not the contract's form: {error}.") from None
 
 
-def number(value: object, missing: float = math.nan) -> float:
+def read_number(value: object, missing: float = math.nan) -> float:
     """Return a number; JSON has none for what is not finite."""
     return missing if value is None else float(str(value))
 
 
-def mapping(value: object) -> Mapping[str, object]:
+def read_mapping(value: object) -> Mapping[str, object]:
     """Return a JSON object."""
     if not isinstance(value, Mapping):
         raise TypeError(f"an object is needed, given {value!r}")

@@ -5,8 +5,8 @@ import numpy as np
 from nas_data.benchmarks.blind.arms import NominalArm
 from nas_data.benchmarks.blind.conditions import Conditions
 from nas_data.benchmarks.blind.excitation import as_stored
-from nas_data.benchmarks.blind.motions import FARTHEST, sines
-from nas_data.benchmarks.blind.plants.base import Play, chain_of, find_plant
+from nas_data.benchmarks.blind.motions import FARTHEST, draw_sines
+from nas_data.benchmarks.blind.plants.base import Play, find_plant, make_chain
 from nas_data.benchmarks.blind.plants.body import PlantBody, stack_arms
 from nas_data.benchmarks.blind.plants.constants import Constants
 from nas_data.benchmarks.blind.tape import Script, Tape
@@ -16,7 +16,7 @@ BANDWIDTH = 2 * np.pi * 3.0  # [rad/s] of the error's decay: stiff enough to sta
 HINGE, SLIDE = 0.8, 0.2  # [rad], [m] from the middle that a reference goes at most
 
 
-def reach_of(sliding: np.ndarray) -> np.ndarray:
+def find_reach(sliding: np.ndarray) -> np.ndarray:
     """Return the lowest and highest position of references [rad, m], shape (n, 2), for which joints slide, (n,)."""
     return np.where(sliding, SLIDE, HINGE)[:, None] * np.array([-1.0, 1.0])
 
@@ -38,7 +38,7 @@ def draw_references(
     times = np.arange(conditions.pieces * conditions.steps) * conditions.period
     takes = episodes // conditions.pieces
     middle, half = reach.mean(axis=1), np.ptp(reach, axis=1) / 2
-    courses = np.array([[sines(times, rng)[0] for _ in half] for _ in range(takes)])
+    courses = np.array([[draw_sines(times, rng)[0] for _ in half] for _ in range(takes)])
     references = middle + half * courses.swapaxes(1, 2) / FARTHEST
     return references, references[:, 0]
 
@@ -57,7 +57,7 @@ class Follower:
         """Prepare to follow references [rad], shape (E, T, n), at a control period [s]."""
         self.constants = Constants.of(arm.model())
         nominal = PlantBody.of(self.constants, Base.nominal(len(arm.joints)))
-        self.chain = chain_of(stack_arms([nominal], len(references)))
+        self.chain = make_chain(stack_arms([nominal], len(references)))
         self.references = references
         self.speeds = np.gradient(references, period, axis=1)
         self.accelerations = np.gradient(self.speeds, period, axis=1)
@@ -89,9 +89,9 @@ class FollowingSession:
 
     def part(self, episodes: slice) -> Script:
         """Return the script of some of the K pieces episodes; all are played at once, for that takes no longer."""
-        return lambda plant, truth: self._tape(plant, truth)[episodes]
+        return lambda plant, truth: self._make_tape(plant, truth)[episodes]
 
-    def _tape(self, plant: str, truth: Truth) -> Tape:
+    def _make_tape(self, plant: str, truth: Truth) -> Tape:
         if self._known is None or self._known[0] != plant or self._known[1] is not truth:
             self._known = plant, truth, follow(find_plant(plant), self.arm, truth, self.references, self.conditions)
         return self._known[2]

@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from nas_data.benchmarks.blind.resimulate import Delivered, actuators_of
+from nas_data.benchmarks.blind.resimulate import Delivered, find_actuators
 from nas_data.benchmarks.blind.write import FRESH, NOMINAL
 from nas_data.errors import NasError
 
@@ -57,19 +57,19 @@ class Fresh:
 
     def errors_of_models(self, folder: Path, delivered: Path) -> dict[str, float | str]:
         """Return the RMSE [rad] of the nominal model, of the delivered one, and the floor."""
-        servos = actuators_of(folder / NOMINAL, self.joints)
+        servos = find_actuators(folder / NOMINAL, self.joints)
         result: dict[str, float | str] = {"floor": self.floor}
-        result["before"] = self.error(self._loaded(folder / NOMINAL, servos).play)
+        result["before"] = self.error(self._load_model(folder / NOMINAL, servos).play)
         try:
-            result["after"] = self.error(self._loaded(delivered, servos).play)
+            result["after"] = self.error(self._load_model(delivered, servos).play)
         except NasError as error:  # what was delivered is being judged: that it cannot be used is a finding
             result |= {"after": float("inf"), "fault": str(error)}
         return result
 
     def error_of(self, model: mujoco.MjModel, nominal: Path) -> float:
         """Return the RMSE [rad] of a compiled model whose actuators are those of a nominal one's file."""
-        servos = actuators_of(nominal, self.joints)
+        servos = find_actuators(nominal, self.joints)
         return self.error(Delivered.of(model, self.joints, servos, self.rate, nominal).play)
 
-    def _loaded(self, file: Path, servos: tuple[str, ...]) -> Delivered:
+    def _load_model(self, file: Path, servos: tuple[str, ...]) -> Delivered:
         return Delivered.load(file, self.joints, servos, self.rate)

@@ -112,7 +112,7 @@ def grade_names(answer: SealedAnswer, report: Mapping[str, object]) -> CaseGrade
             ConfidenceGrade(finding.confidence, all(part.name in true for part in parts))
             for finding, parts in zip(findings, meant, strict=True)
         ),
-        parameters=tuple(parameter_errors([as_the_model_sees(entry, answer) for entry in inside], all_meant)),
+        parameters=tuple(compute_parameter_errors([as_the_model_sees(entry, answer) for entry in inside], all_meant)),
         unexplained_joint_named=any(entry.marked_joint in unexplained for entry in beyond) if beyond else None,
     )
 
@@ -157,7 +157,7 @@ def is_verdict_right(family: str, verdict: str | None) -> bool:
     return verdict in RIGHT_VERDICTS.get(family, frozenset({"explained"}))
 
 
-def parameter_errors(hidden: Sequence[HiddenEntry], findings: Sequence[ReportedEffect]) -> list[ParameterGrade]:
+def compute_parameter_errors(hidden: Sequence[HiddenEntry], findings: Sequence[ReportedEffect]) -> list[ParameterGrade]:
     """Return the error of each parameter of each effect that is named rightly, relative to its true size."""
     by_name = {finding.name: finding for finding in findings if finding.parameters}
     rows = []
@@ -168,7 +168,7 @@ def parameter_errors(hidden: Sequence[HiddenEntry], findings: Sequence[ReportedE
             found = finding.parameters.get(key, 0.0 if key in PLACE else math.nan)
             interval = finding.intervals.get(key)
             covered = None if interval is None else interval[0] <= value <= interval[1]
-            error = abs(found - value) / size(entry.effect, entry.parameters, key)
+            error = abs(found - value) / compute_reference_size(entry.effect, entry.parameters, key)
             rows.append(ParameterGrade(entry.effect, key, error, covered))
     return rows
 
@@ -184,7 +184,7 @@ def as_the_model_sees(entry: HiddenEntry, answer: SealedAnswer) -> HiddenEntry:
     return replace(entry, parameters={"factor": entry.parameters["factor"] * own})
 
 
-def size(effect: str, true: Mapping[str, float], key: str) -> float:
+def compute_reference_size(effect: str, true: Mapping[str, float], key: str) -> float:
     """Return the reference of a relative error; parts of a tilt or of a place may be zero, so the whole counts."""
     if effect == "base_tilt":
         return math.hypot(*true.values())

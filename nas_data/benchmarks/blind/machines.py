@@ -4,10 +4,10 @@ import mujoco
 import numpy as np
 
 from nas_data.benchmarks.blind.arms import NominalArm
-from nas_data.benchmarks.blind.designs import logarithmic, words
-from nas_data.benchmarks.blind.following import reach_of
+from nas_data.benchmarks.blind.designs import draw_log_uniform, format_numbers
+from nas_data.benchmarks.blind.following import find_reach
 from nas_data.benchmarks.blind.mjcf import JointDrive, Link, Style, to_mjcf
-from nas_data.benchmarks.blind.motions import FARTHEST, sines
+from nas_data.benchmarks.blind.motions import FARTHEST, draw_sines
 
 JOINTS = (1, 3)
 LENGTH = (0.15, 0.4)  # [m] of what turns
@@ -36,15 +36,17 @@ def draw_axes(rng: np.random.Generator, sliding: np.ndarray) -> list[Link]:
     hanging = rng.random() < 0.5
     onward = np.array([0.0, 0.0, -1.0]) if hanging else np.array([1.0, 0.0, 0.0])
     free = list(rng.permutation(3))
-    mass, links = logarithmic(rng, *MASS), list[Link]()
+    mass, links = draw_log_uniform(rng, *MASS), list[Link]()
     place: np.ndarray = np.zeros(3)
     for slides in sliding:
         length = 0.05 if slides else float(rng.uniform(*LENGTH))
         axis = free.pop() if slides else int(rng.integers(2)) if hanging else 2
         centre = length * (onward * rng.uniform(0.4, 0.6) + rng.uniform(-0.1, 0.1, 3))
         size = f"{0.1 * length:.5f} {0.1 * length:.5f} {0.1 * length:.5f}"
-        geom = f'type="box" size="{size}" pos="{words(centre)}" mass="{mass:.6g}"'
-        links.append(Link(words(place), words(np.eye(3)[axis] * rng.choice([-1, 1])), geom, bool(slides)))
+        geom = f'type="box" size="{size}" pos="{format_numbers(centre)}" mass="{mass:.6g}"'
+        links.append(
+            Link(format_numbers(place), format_numbers(np.eye(3)[axis] * rng.choice([-1, 1])), geom, bool(slides))
+        )
         mass, place = mass * rng.uniform(0.4, 0.9), length * onward
     return links
 
@@ -52,7 +54,7 @@ def draw_axes(rng: np.random.Generator, sliding: np.ndarray) -> list[Link]:
 def draw_motors(rng: np.random.Generator, bare: str, sliding: np.ndarray) -> list[JointDrive]:
     """Draw motors that are strong enough for motions of the usual speed; half the machines have no friction."""
     model = mujoco.MjModel.from_xml_string(bare)
-    inertias, motion = needs(model, rng, reach_of(sliding)[:, 1])
+    inertias, motion = compute_inverse_dynamics(model, rng, find_reach(sliding)[:, 1])
     frictional, motors = bool(rng.random() < 0.5), []
     for row, slides in enumerate(sliding.astype(int)):
         armature = inertias[row] * rng.uniform(*ROTOR)
@@ -63,7 +65,7 @@ def draw_motors(rng: np.random.Generator, bare: str, sliding: np.ndarray) -> lis
     return motors
 
 
-def needs(
+def compute_inverse_dynamics(
     model: mujoco.MjModel, rng: np.random.Generator, reach: np.ndarray
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
     """Return what a motion within reach (n,) [rad] asks of a machine without motors.
@@ -72,7 +74,7 @@ def needs(
         Mean inertias [kg m²], shape (n,); torques [N m] and accelerations [rad/s²], shape (T, n) each.
     """
     data, mass = mujoco.MjData(model), np.zeros((model.nv, model.nv))
-    positions = np.stack([sines(TRIAL, rng)[0] for _ in reach], axis=1) * reach / FARTHEST
+    positions = np.stack([draw_sines(TRIAL, rng)[0] for _ in reach], axis=1) * reach / FARTHEST
     speeds = np.gradient(positions, TRIAL, axis=0)
     accelerations = np.gradient(speeds, TRIAL, axis=0)
     inertias, torques = [], []

@@ -65,13 +65,13 @@ def to_mjcf(joints: Sequence[str], links: Sequence[Link], servos: Sequence[Joint
     """Write an arm; without servos where none are given."""
     bodies = ""
     for row in reversed(range(len(joints))):
-        drive = passive(servos[row], style) if servos else ""
+        drive = format_joint_attributes(servos[row], style) if servos else ""
         bodies = (
             f'<body name="link_{joints[row]}" pos="{links[row].place}">'
-            f'<joint name="{joints[row]}" axis="{links[row].axis}"{kind(links[row])}{drive}/>'
+            f'<joint name="{joints[row]}" axis="{links[row].axis}"{format_joint_type(links[row])}{drive}/>'
             f'<geom {links[row].geom} contype="0" conaffinity="0"/>{bodies}</body>'
         )
-    drives = "".join(actuator(joint, servo, style) for joint, servo in zip(joints, servos, strict=False))
+    drives = "".join(format_actuator(joint, servo, style) for joint, servo in zip(joints, servos, strict=False))
     sensors = "".join(f'<jointpos name="{joint}.pos" joint="{joint}"/>' for joint in joints)
     return (
         f'<mujoco model="arm"><compiler angle="radian" autolimits="true"/>'
@@ -80,12 +80,12 @@ def to_mjcf(joints: Sequence[str], links: Sequence[Link], servos: Sequence[Joint
     )
 
 
-def kind(link: Link) -> str:
+def format_joint_type(link: Link) -> str:
     """Return what kind of joint carries a link, where it is no hinge."""
     return ' type="slide"' if link.sliding else ""
 
 
-def passive(servo: JointDrive, style: Style) -> str:
+def format_joint_attributes(servo: JointDrive, style: Style) -> str:
     """Return a joint's attributes; its friction is as hard as the timestep allows, for gears do not creep."""
     return (
         f' damping="{servo.damping:.6g}" armature="{servo.armature:.6g}" frictionloss="{servo.friction:.6g}" '
@@ -93,7 +93,7 @@ def passive(servo: JointDrive, style: Style) -> str:
     )
 
 
-def actuator(joint: str, servo: JointDrive, style: Style) -> str:
+def format_actuator(joint: str, servo: JointDrive, style: Style) -> str:
     """Return a servo or motor, named otherwise than its joint."""
     law = {
         "position": f'kp="{servo.gain:.6g}" kv="{servo.own:.6g}"',

@@ -46,12 +46,12 @@ def draw_episode(conditions: Conditions, joints: int, rng: np.random.Generator) 
     kinds = [name for name in SIGNALS if name != MIXTURE]
     kind = str(rng.choice(kinds)) if conditions.signal == MIXTURE else conditions.signal
     times = np.arange(conditions.steps) * conditions.period
-    courses = [sines(times, rng) if kind == "sines" else moves(kind, times, rng) for _ in range(joints)]
+    courses = [draw_sines(times, rng) if kind == "sines" else draw_moves(kind, times, rng) for _ in range(joints)]
     commands, poses = zip(*courses, strict=True)
     return np.stack(commands, axis=1), np.array(poses)
 
 
-def sines(times: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+def draw_sines(times: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, float]:
     """Return a sum of sines [rad], scaled to a drawn amplitude, and where it begins."""
     phases = 2 * np.pi * (np.outer(times, rng.uniform(*FREQUENCIES, SINES)) + rng.random(SINES))
     course = np.sin(phases) @ rng.uniform(0.2, 1.0, SINES)
@@ -59,7 +59,7 @@ def sines(times: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, floa
     return course, float(course[0])
 
 
-def moves(kind: str, times: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+def draw_moves(kind: str, times: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, float]:
     """Return moves of one profile from target to target [rad], and where the first begins."""
     place = pose = float(rng.uniform(-FARTHEST, FARTHEST))
     course, begin = np.empty_like(times), 0.0

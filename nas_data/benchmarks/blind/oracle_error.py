@@ -9,9 +9,9 @@ from nas_data.benchmarks.blind.answer import SealedAnswer
 from nas_data.benchmarks.blind.fresh import Fresh
 from nas_data.benchmarks.blind.plants.mujoco_plant import multiply
 from nas_data.benchmarks.blind.write import NOMINAL
-from nas_data.effects.base import Effect, Scales, add_effects, joint_actuator, make_effect
-from nas_data.effects.edits.series import measured_tendon
-from nas_data.effects.edits.servo import stiffness, torque_limits
+from nas_data.effects.base import Effect, Scales, add_effects, find_joint_actuator, make_effect
+from nas_data.effects.edits.series import ensure_measured_tendon
+from nas_data.effects.edits.servo import read_force_range, read_servo_stiffness
 from nas_data.errors import ModelFileError, UnknownName
 
 WINDOW = 0.05  # [s] over which speeds are taken
@@ -19,7 +19,7 @@ LEAN = 0.5  # [rad] of error at which a servo without limits gives a large torqu
 FINE = 0.0005  # [s] physics step at which what a step costs is below the noise
 
 
-def least_error(folder: Path, answer: SealedAnswer, fresh: Fresh) -> float | None:
+def compute_oracle_error(folder: Path, answer: SealedAnswer, fresh: Fresh) -> float | None:
     """Return the RMSE [rad] on the fresh episodes of a case's model with the true effects, at the true base.
 
     Fresh episodes start at the first measured pose, whatever was commanded before. Who names everything rightly still
@@ -35,17 +35,17 @@ def least_error(folder: Path, answer: SealedAnswer, fresh: Fresh) -> float | Non
     spec = mujoco.MjSpec.from_file(str(folder / NOMINAL))
     spec.option.timestep = min(spec.option.timestep, FINE)
     multiply(spec, fresh.joints, answer.base)
-    forms = [effect.written_form(sizes(spec, effect, fresh)) for effect in effects]
+    forms = [effect.written_form(measure_scales(spec, effect, fresh)) for effect in effects]
     try:
         add_effects(spec, [form for form in forms if form is not None])
     except ModelFileError:
         return None
     for joint in fresh.joints:
-        measured_tendon(spec, joint)
+        ensure_measured_tendon(spec, joint)
     return None if None in forms else fresh.error_of(spec.compile(), folder / NOMINAL)
 
 
-def sizes(spec: mujoco.MjSpec, effect: Effect, fresh: Fresh) -> Scales:
+def measure_scales(spec: mujoco.MjSpec, effect: Effect, fresh: Fresh) -> Scales:
     """Return what is large at an effect's joint, by model and fresh episodes; at the first one for the arm's effects.
 
     A load friction's form in a file is made for a torque and a speed, and for nothing else.
@@ -54,6 +54,6 @@ def sizes(spec: mujoco.MjSpec, effect: Effect, fresh: Fresh) -> Scales:
     gap = max(1, round(WINDOW * fresh.rate))
     moved = np.abs(fresh.positions[:, gap:] - fresh.positions[:, :-gap])[..., fresh.joints.index(joint)]
     speed = float(np.percentile(moved, 98)) * fresh.rate / gap
-    limits = torque_limits(joint_actuator(spec, joint))
-    torque = max(map(abs, limits)) if limits else stiffness(spec, joint) * LEAN
-    return Scales(stiffness(spec, joint), 0.0, 0.0, 0.0, torque, speed)
+    limits = read_force_range(find_joint_actuator(spec, joint))
+    torque = max(map(abs, limits)) if limits else read_servo_stiffness(spec, joint) * LEAN
+    return Scales(read_servo_stiffness(spec, joint), 0.0, 0.0, 0.0, torque, speed)

@@ -9,7 +9,7 @@ import numpy as np
 
 from nas_data.dataset.features import POSITION
 from nas_data.errors import JointMismatch, ModelFileError
-from nas_data.simulators.controls import length_control
+from nas_data.simulators.controls import find_length_control
 from nas_data.simulators.rest_states import settle_actuator
 
 SENSOR = ".pos"
@@ -64,7 +64,7 @@ class Delivered:
         sensors = [find(model, mujoco.mjtObj.mjOBJ_SENSOR, joint + SENSOR, file) for joint in joints]
         hinges = [find(model, mujoco.mjtObj.mjOBJ_JOINT, joint, file) for joint in joints]
         places = [int(model.jnt_qposadr[hinge]) for hinge in hinges]
-        driven = [qpos_index(model, servo) for servo in servos]
+        driven = [find_qpos_index(model, servo) for servo in servos]
         rests = tuple(tuple({own, *other}) for own, other in zip(places, driven, strict=True))
         moving = tuple(int(model.jnt_dofadr[hinge]) for hinge in hinges)
         return cls(model, rate, servos, tuple(int(model.sensor_adr[sensor]) for sensor in sensors), rests, moving)
@@ -80,14 +80,14 @@ class Delivered:
         Returns:
             Positions [rad], shape (E, T, n); NaN from where a simulation left all bounds.
         """
-        return np.stack([self._episode(*pair) for pair in zip(commands, first, strict=True)])
+        return np.stack([self._simulate_episode(*pair) for pair in zip(commands, first, strict=True)])
 
-    def _episode(self, commands: np.ndarray, first: np.ndarray) -> np.ndarray:
+    def _simulate_episode(self, commands: np.ndarray, first: np.ndarray) -> np.ndarray:
         model, data = self.model, mujoco.MjData(self.model)
         controls = model.actuator_ctrladr[list(self.actuators)]
         positions, speeds = np.split(first, 2)
         data.ctrl[controls] = np.where(
-            [length_control(model, servo).kind == POSITION for servo in self.actuators], positions, 0.0
+            [find_length_control(model, servo).kind == POSITION for servo in self.actuators], positions, 0.0
         )
         for places, position in zip(self.rests, positions, strict=True):
             data.qpos[list(places)] = position
@@ -117,14 +117,14 @@ def find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, file: Path) -> i
     return index
 
 
-def qpos_index(model: mujoco.MjModel, actuator: int) -> tuple[int, ...]:
+def find_qpos_index(model: mujoco.MjModel, actuator: int) -> tuple[int, ...]:
     """Return the place in `qpos` of the joint that an actuator drives, which may be a goal beside the arm."""
     if int(model.actuator_trntype[actuator]) != int(mujoco.mjtTrn.mjTRN_JOINT):
         return ()
     return (int(model.jnt_qposadr[model.actuator_trnid[actuator, 0]]),)
 
 
-def actuators_of(file: Path, joints: Sequence[str]) -> tuple[str, ...]:
+def find_actuators(file: Path, joints: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the actuators that drive the joints of a nominal model.
 
     Raises:

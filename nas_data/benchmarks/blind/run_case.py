@@ -12,17 +12,17 @@ from pathlib import Path
 from nas_data.benchmarks.blind.answer import SealedAnswer
 from nas_data.benchmarks.blind.baselines.base import find_baseline
 from nas_data.benchmarks.blind.case import Identity
-from nas_data.benchmarks.blind.code import baseline_code, case_code
+from nas_data.benchmarks.blind.code import hash_baseline_code, hash_case_code
 from nas_data.benchmarks.blind.draw import draw_case
-from nas_data.benchmarks.blind.findings import mapping
+from nas_data.benchmarks.blind.findings import read_mapping
 from nas_data.benchmarks.blind.fresh import Fresh
 from nas_data.benchmarks.blind.grade import compare_names, grade_names
-from nas_data.benchmarks.blind.oracle_error import least_error
+from nas_data.benchmarks.blind.oracle_error import compute_oracle_error
 from nas_data.benchmarks.blind.write import DATASET, NOMINAL, write_case
 from nas_data.dataset.layout import read_json
 from nas_data.dataset.staging import write_synced
-from nas_data.runs.environment_info import commit
-from nas_data.typed_json import as_object, finite
+from nas_data.runs.environment_info import find_commit
+from nas_data.typed_json import as_object, make_finite
 
 Investigate = Callable[[Path, Path, Path], None]  # dataset, nominal model, folder of the report
 Record = dict[str, object]
@@ -48,7 +48,7 @@ class Judge:
 
     def is_done(self, record: Record | None) -> bool:
         """Whether a record holds all that is asked for."""
-        return record is not None and not self._lacking(record)
+        return record is not None and not self._list_missing_baselines(record)
 
     def judge(self, identity: Identity, folder: Path, known: Record | None = None) -> Record:
         """Draw, write, investigate and grade one case.
@@ -71,21 +71,21 @@ class Judge:
             **vars(identity),
             "arm": answer.arm,
             "excitation": answer.excitation,
-            "code": case_code(identity),
-            "commit": commit(),
+            "code": hash_case_code(identity),
+            "commit": find_commit(),
             "drawing_seconds": drawing,
             **attempt(lambda: examine(folder, answer, fresh, self.investigate)),
         }
         answered = {
-            name: {**attempt(partial(baseline, name, folder, answer, fresh)), "code": baseline_code(name)}
-            for name in self._lacking(record)
+            name: {**attempt(partial(run_baseline, name, folder, answer, fresh)), "code": hash_baseline_code(name)}
+            for name in self._list_missing_baselines(record)
         }
         if not self.keep:
             shutil.rmtree(folder / DATASET)
-        return {**record, "baselines": {**mapping(record.get("baselines", {})), **answered}}
+        return {**record, "baselines": {**read_mapping(record.get("baselines", {})), **answered}}
 
-    def _lacking(self, record: Record) -> list[str]:
-        answered = mapping(record.get("baselines", {}))
+    def _list_missing_baselines(self, record: Record) -> list[str]:
+        answered = read_mapping(record.get("baselines", {}))
         return [name for name in self.baselines if name not in answered]
 
 
@@ -96,11 +96,11 @@ def examine(folder: Path, answer: SealedAnswer, fresh: Fresh, investigate: Inves
     investigate(folder / DATASET, folder / NOMINAL, found)
     seconds = time.monotonic() - began
     grade = grade_names(answer, read_json(found / REPORT))
-    errors = {**fresh.errors_of_models(folder, found / MODEL), LEAST: least_error(folder, answer, fresh)}
+    errors = {**fresh.errors_of_models(folder, found / MODEL), LEAST: compute_oracle_error(folder, answer, fresh)}
     return {**as_object(grade), "seconds": seconds, "fresh": errors}
 
 
-def baseline(name: str, folder: Path, answer: SealedAnswer, fresh: Fresh) -> Record:
+def run_baseline(name: str, folder: Path, answer: SealedAnswer, fresh: Fresh) -> Record:
     """Run one baseline and grade what it names, and its prediction of the fresh episodes."""
     began = time.monotonic()
     claim = find_baseline(name)(folder / DATASET, folder / NOMINAL)
@@ -138,7 +138,7 @@ def read_record(path: Path) -> Record | None:
 
 def store_record(path: Path, record: Record) -> Record:
     """Store a finished case and return it as it reads back, whole or not at all on the disk."""
-    text = json.dumps(finite(record), indent=1, allow_nan=False)
+    text = json.dumps(make_finite(record), indent=1, allow_nan=False)
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_suffix(".unfinished")
     write_synced(unfinished, text.encode())

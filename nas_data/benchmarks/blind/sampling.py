@@ -78,12 +78,12 @@ class Hider:
         Raises:
             SimulationDiverged: it never can.
         """
-        base, groups = self._base(), list[Group]()
+        base, groups = self._draw_base(), list[Group]()
         while len(groups) < FAMILIES[self.identity.family]:
-            groups.append(self._another(flat(groups)))
+            groups.append(self._another(flatten(groups)))
         tries = [1] * len(groups)
         for _ in range(self.setting.rounds):
-            truth = Truth(base, (*self.given, *flat(groups)))
+            truth = Truth(base, (*self.given, *flatten(groups)))
             tape, marks, unfit = self._seen(truth, script)
             unfit_groups = [
                 row for row, members in enumerate(number_groups(groups, len(self.given))) if members & unfit
@@ -92,7 +92,7 @@ class Hider:
                 return truth, tape, marks
             for row in unfit_groups:
                 same = tries[row] < TRIES
-                groups[row] = self._redrawn(groups, row, same)
+                groups[row] = self._redraw(groups, row, same)
                 tries[row] = tries[row] + 1 if same else 1
         raise SimulationDiverged(f"{self.identity.name} hides nothing that can be seen; use another number.")
 
@@ -101,7 +101,7 @@ class Hider:
         period, settle = self.conditions.period, self.conditions.settle
         return find_plant(plant)(self.arm, truths, tape.commands, tape.poses, period, settle, tape.start_speeds)
 
-    def _base(self) -> Base:
+    def _draw_base(self) -> Base:
         """Draw the base errors; a motor gives the torque that it is told."""
         base = Base.draw(len(self.arm.joints), self.identity.stream("base"))
         return replace(base, stiffness=(1.0,) * len(self.arm.joints)) if self.conditions.pieces else base
@@ -113,7 +113,7 @@ class Hider:
             tape = script(plant, truth)
             marks = measure_marks(partial(self.show, plant, tape=tape), truth, self.arm.joints, self._floor)
             # what the setting gives is as large as it is
-            unfit = set(out_of_sight(marks.values, self.least, self.setting.most)) - set(range(len(self.given)))
+            unfit = set(find_unfit_marks(marks.values, self.least, self.setting.most)) - set(range(len(self.given)))
             if unfit:
                 break
         return tape, marks, unfit
@@ -122,11 +122,11 @@ class Hider:
     def _floor(self) -> float:
         return self.conditions.sensor.floor
 
-    def _redrawn(self, groups: Sequence[Group], row: int, same: bool) -> Group:
+    def _redraw(self, groups: Sequence[Group], row: int, same: bool) -> Group:
         """Return one of the effects in another size, or another effect in its stead."""
         if same:
-            return self._sized(groups[row][0].effect, [hidden.joint for hidden in groups[row]])
-        return self._another(flat([*groups[:row], *groups[row + 1 :]]))
+            return self._draw_size(groups[row][0].effect, [hidden.joint for hidden in groups[row]])
+        return self._another(flatten([*groups[:row], *groups[row + 1 :]]))
 
     def _another(self, beside: Sequence[Hidden]) -> Group:
         """Draw an effect, its place and its size; it can be told apart from those beside it."""
@@ -134,18 +134,18 @@ class Hider:
             effect = str(self.rng.choice(sorted(self.kinds)))
             kind = self.kinds[effect]
             if self.identity.family == EVERY:
-                return self._sized(effect, self.constants.joints)
+                return self._draw_size(effect, self.constants.joints)
             arm_wide = kind.whole_arm and (not kind.per_joint or self.rng.random() < 0.5)
             joint = None if arm_wide else str(self.rng.choice(self.constants.joints))
-            if not any(self._alike(effect, joint, other) for other in beside):
-                return self._sized(effect, [joint])
+            if not any(self._is_confusable(effect, joint, other) for other in beside):
+                return self._draw_size(effect, [joint])
 
-    def _alike(self, effect: str, joint: str | None, other: Hidden) -> bool:
+    def _is_confusable(self, effect: str, joint: str | None, other: Hidden) -> bool:
         """Whether two effects cannot be told apart: of one sort, in the same joint or in all of them."""
         sort, others = (self.kinds[name].apart or name for name in (effect, other.effect))
         return sort == others and (joint is None or other.joint is None or joint == other.joint)
 
-    def _sized(self, effect: str, joints: Sequence[str | None]) -> Group:
+    def _draw_size(self, effect: str, joints: Sequence[str | None]) -> Group:
         """Draw an effect's size; in several joints one size, give or take."""
         draw, faint = self.kinds[effect].draw, self.identity.faint
         if self.identity.family != EVERY:
@@ -155,11 +155,11 @@ class Hider:
         group = []
         for row, joint in enumerate(self.constants.joints):
             values = draw(np.random.default_rng(seed), self.constants, row, faint)
-            group.append(Hidden(effect, joint, apart(values, float(self.rng.uniform(0, np.log(UNLIKE))))))
+            group.append(Hidden(effect, joint, scale_parameters(values, float(self.rng.uniform(0, np.log(UNLIKE))))))
         return tuple(group)
 
 
-def apart(values: dict[str, float], distance: float) -> dict[str, float]:
+def scale_parameters(values: dict[str, float], distance: float) -> dict[str, float]:
     """Return positive parameters that are further from nothing by a logarithmic distance; a factor further from 1."""
     return {
         name: value * float(np.exp(-distance if name == "factor" and value < 1 else distance))
@@ -167,7 +167,7 @@ def apart(values: dict[str, float], distance: float) -> dict[str, float]:
     }
 
 
-def flat(groups: Sequence[Group]) -> Group:
+def flatten(groups: Sequence[Group]) -> Group:
     """Return all effects of groups."""
     return tuple(hidden for group in groups for hidden in group)
 
@@ -183,16 +183,16 @@ def measure_marks(show: Show, truth: Truth, joints: Sequence[str], floor: float)
     played = show([truth, *(truth.without(index) for index in range(len(truth.hidden)))])
     positions = played[..., : len(joints)]
     changes = [np.sqrt(np.square(positions[0] - without).mean(axis=(0, 1))) / floor for without in positions[1:]]
-    seen = [mark(change, joints, hidden.joint) for change, hidden in zip(changes, truth.hidden, strict=True)]
+    seen = [find_mark(change, joints, hidden.joint) for change, hidden in zip(changes, truth.hidden, strict=True)]
     return Marks(tuple(value for value, _ in seen), tuple(joint for _, joint in seen), played[0])
 
 
-def mark(change: np.ndarray, joints: Sequence[str], joint: str | None) -> tuple[float, str]:
+def find_mark(change: np.ndarray, joints: Sequence[str], joint: str | None) -> tuple[float, str]:
     """Return the mark of an effect and its joint, from the change in each joint."""
     row = int(np.argmax(change)) if joint is None else joints.index(joint)
     return float(change[row]), joints[row]
 
 
-def out_of_sight(marks: Sequence[float], least: float, most: float) -> list[int]:
+def find_unfit_marks(marks: Sequence[float], least: float, most: float) -> list[int]:
     """Return the effects whose mark is below the least or above the most, or not finite."""
     return [index for index, value in enumerate(marks) if not (least <= value <= most and value < np.inf)]

@@ -13,10 +13,10 @@ from nas_data.dataset.features import (
     NEXT_STATE,
     STATE,
     TIME,
-    effort_feature,
-    position_feature,
-    state_feature,
-    time_feature,
+    make_effort_feature,
+    make_position_feature,
+    make_state_feature,
+    make_time_feature,
 )
 from nas_data.dataset.provenance import Provenance
 from nas_data.dataset.transitions import estimate_velocities
@@ -35,7 +35,7 @@ def write_case(case: Case, folder: Path) -> None:
         OutputExists: the folder holds a dataset already.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    write(to_dataset(case), folder / DATASET, provenance(case))
+    write(to_dataset(case), folder / DATASET, make_provenance(case))
     (folder / NOMINAL).write_text(case.arm.xml, encoding="utf-8")
     fresh = case.fresh
     kept = {name: getattr(fresh, name) for name in ("commands", "positions", "readings", "poses", "starts")}
@@ -43,7 +43,7 @@ def write_case(case: Case, folder: Path) -> None:
     (folder / ANSWER).write_text(json.dumps(as_object(case.answer()), indent=1), encoding="utf-8")
 
 
-def provenance(case: Case) -> Provenance:
+def make_provenance(case: Case) -> Provenance:
     """Return where the dataset comes from, without a trace of the answer: no seed, no plant, no effect."""
     sensor = case.conditions.sensor
     return Provenance(
@@ -61,7 +61,10 @@ def to_dataset(case: Case) -> Dataset:
     """Return the episodes that are handed over as a dataset."""
     joints, episodes, rate = case.arm.joints, case.recorded, case.conditions.rate
     count, steps, n = episodes.commands.shape
-    states, command = measured_states(episodes, rate), effort_feature if case.conditions.pieces else position_feature
+    states, command = (
+        compute_measured_states(episodes, rate),
+        make_effort_feature if case.conditions.pieces else make_position_feature,
+    )
     columns: dict[str, np.ndarray] = {
         STATE: states[:, :-1].reshape(-1, 2 * n).astype(np.float32),
         ACTION: episodes.commands.reshape(-1, n).astype(np.float32),
@@ -71,10 +74,10 @@ def to_dataset(case: Case) -> Dataset:
     sliding = Constants.of(case.arm.model()).sliding
     slides = [joint for joint, slide in zip(joints, sliding, strict=True) if slide]
     features = {
-        STATE: state_feature(joints, slides),
+        STATE: make_state_feature(joints, slides),
         ACTION: command(joints, slides),
-        NEXT_STATE: state_feature(joints, slides),
-        TIME: time_feature(),
+        NEXT_STATE: make_state_feature(joints, slides),
+        TIME: make_time_feature(),
     }
     return Dataset(
         features=features,
@@ -86,7 +89,7 @@ def to_dataset(case: Case) -> Dataset:
     )
 
 
-def measured_states(episodes: Episodes, rate: float) -> np.ndarray:
+def compute_measured_states(episodes: Episodes, rate: float) -> np.ndarray:
     """Return readings and speeds (E, T + 1, 2n) [rad, rad/s].
 
     Speeds that were not measured are differences backward, zero at the start, which is at rest; those of episodes that

@@ -11,7 +11,7 @@ from nas_data import registry
 from nas_data.dataset.audits.base import AuditFinding, Expected
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import STATE
-from nas_data.dataset.recording import Recording, recordings
+from nas_data.dataset.recording import Recording, extract_recordings
 
 FIRST = ("finite", "timing")
 
@@ -25,7 +25,7 @@ class Audit(Protocol):
 
 def find_audit(name: str) -> Audit:
     """Return an audit by its name."""
-    return cast(Audit, registry.module("dataset.audits", name, "audit"))
+    return cast(Audit, registry.import_plugin("dataset.audits", name, "audit"))
 
 
 def audit_dataset(dataset: Dataset) -> tuple[AuditFinding, ...]:
@@ -38,7 +38,7 @@ def audit_dataset(dataset: Dataset) -> tuple[AuditFinding, ...]:
     known = bool(dataset.features[STATE].units)
     effort = not dataset.commands_positions
     expected = Expected(rate=dataset.fps, slides=dataset.slides, effort=effort, turns=known)
-    return tuple(finding for recording in recordings(dataset) for finding in audit(recording, expected))
+    return tuple(finding for recording in extract_recordings(dataset) for finding in audit(recording, expected))
 
 
 def audit(recording: Recording, expected: Expected) -> list[AuditFinding]:
@@ -50,12 +50,12 @@ def audit(recording: Recording, expected: Expected) -> list[AuditFinding]:
     found = run(FIRST, recording, expected)
     if any(finding.error for finding in found):
         return found
-    return found + run(others(), recording, expected)
+    return found + run(list_remaining_audits(), recording, expected)
 
 
-def others() -> list[str]:
+def list_remaining_audits() -> list[str]:
     """Return the audits that need finite values in rows whose time goes on."""
-    return [name for name in registry.names("dataset.audits") if name not in FIRST]
+    return [name for name in registry.list_names("dataset.audits") if name not in FIRST]
 
 
 def run(names: Sequence[str], recording: Recording, expected: Expected) -> list[AuditFinding]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.timing import LATE
-from nas_data.joint_units import radians_at
+from nas_data.joint_units import compute_angle_scales
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class AuditFinding:
         }
 
 
-def radian_at(recording: Recording, expected: Expected) -> np.ndarray:
+def find_radian_equivalents(recording: Recording, expected: Expected) -> np.ndarray:
     """Return what stands for a radian at each joint [rad; slides m], shape (n,): thresholds of angles are times this.
 
     It is 1 at hinges. A slide's range stands for that of a usual hinge: it is that of its limits, else of its commands,
@@ -89,9 +89,9 @@ def radian_at(recording: Recording, expected: Expected) -> np.ndarray:
     reach = np.ptp(recording.positions, axis=0) if expected.effort else np.ptp(recording.commands, axis=0)
     reach = np.where(reach > 0, reach, np.ptp(recording.positions, axis=0))
     limits = [float(np.ptp(expected.limits.get(joint, (0.0, 0.0)))) for joint in recording.joints]
-    return radians_at(recording.joints, expected.slides, np.where(limits, limits, reach))
+    return compute_angle_scales(recording.joints, expected.slides, np.where(limits, limits, reach))
 
 
-def row_numbers(rows: np.ndarray, chosen: np.ndarray) -> tuple[int, ...]:
+def list_row_numbers(rows: np.ndarray, chosen: np.ndarray) -> tuple[int, ...]:
     """Return the recording's row numbers of the chosen rows (a mask or indices)."""
     return tuple(int(row) for row in rows[chosen])

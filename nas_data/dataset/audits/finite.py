@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import AuditFinding, Expected, row_numbers
+from nas_data.dataset.audits.base import AuditFinding, Expected, list_row_numbers
 from nas_data.dataset.recording import Recording
 
 
@@ -21,7 +21,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
             continue
         bad = ~np.isfinite(values.reshape(len(recording), -1)).all(axis=1)
         if bad.any():
-            rows = row_numbers(recording.rows, bad)
+            rows = list_row_numbers(recording.rows, bad)
             what = f"the {name} is empty, NaN or infinite in {recording.name_rows(rows)}"
             remedy = "take these rows out, or split the log there"
             found.append(AuditFinding("not_finite", recording.label, what, remedy, rows, error=True))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import AuditFinding, Expected, radian_at
+from nas_data.dataset.audits.base import AuditFinding, Expected, find_radian_equivalents
 from nas_data.dataset.recording import Recording
 
 ENOUGH = 20  # rows from which a correlation says something
@@ -16,10 +16,12 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Report commands that are the measured positions, and joints that follow another joint's command."""
     if expected.effort or len(recording) < ENOUGH:
         return []
-    return _copied(recording) + _swapped(recording, radian_at(recording, expected))
+    return _report_copied_commands(recording) + _report_swapped_commands(
+        recording, find_radian_equivalents(recording, expected)
+    )
 
 
-def _copied(recording: Recording) -> list[AuditFinding]:
+def _report_copied_commands(recording: Recording) -> list[AuditFinding]:
     """Report joints whose command equals the position in all rows: no servo is so good, a column is so."""
     same = np.isclose(recording.commands, recording.positions, rtol=0, atol=1e-9).all(axis=0)
     same &= recording.positions.std(axis=0) > 1e-6
@@ -31,7 +33,7 @@ def _copied(recording: Recording) -> list[AuditFinding]:
     return [AuditFinding("command_is_position", recording.label, what, remedy)]
 
 
-def _swapped(recording: Recording, radians: np.ndarray) -> list[AuditFinding]:
+def _report_swapped_commands(recording: Recording, radians: np.ndarray) -> list[AuditFinding]:
     """Report joints that move with another joint's command and not with their own; `radians` are those at each."""
     found = []
     for index, joint in enumerate(recording.joints):
@@ -40,8 +42,8 @@ def _swapped(recording: Recording, radians: np.ndarray) -> list[AuditFinding]:
         other = int(np.argmin(distance))
         if other == index or position.std() < MOVED * radians[index] or distance[other] > CLOSER * distance[index]:
             continue
-        own = _likeness(position, recording.commands[:, index])
-        if _likeness(position, recording.commands[:, other]) >= ALIKE and own <= UNLIKE:
+        own = _compute_correlation(position, recording.commands[:, index])
+        if _compute_correlation(position, recording.commands[:, other]) >= ALIKE and own <= UNLIKE:
             what = (
                 f"the position of {joint} follows the command of {recording.joints[other]} in all rows, not its own "
                 f"(correlation {own:.2f})"
@@ -51,6 +53,6 @@ def _swapped(recording: Recording, radians: np.ndarray) -> list[AuditFinding]:
     return found
 
 
-def _likeness(position: np.ndarray, command: np.ndarray) -> float:
+def _compute_correlation(position: np.ndarray, command: np.ndarray) -> float:
     """Return the correlation; zero where the command rests."""
     return float(np.corrcoef(position, command)[0, 1]) if command.std() > 1e-9 else 0.0

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import AuditFinding, Expected, radian_at, row_numbers
+from nas_data.dataset.audits.base import AuditFinding, Expected, find_radian_equivalents, list_row_numbers
 from nas_data.dataset.recording import Recording
-from nas_data.joint_units import USUAL_RANGE, unit_at
+from nas_data.joint_units import USUAL_RANGE, convert_hinge_unit
 
 FASTEST = 50.0  # [rad/s] that no usual hinge reaches; a slide is not over with its range in less than 20 ms
 WHOLE_TURN = 2 * np.pi  # [rad]
@@ -20,16 +20,16 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     if recording.velocities is not None:
         speeds = np.maximum(speeds, np.abs(recording.velocities))
     is_slide = [joint in expected.slides for joint in recording.joints]
-    limits = FASTEST * np.where(is_slide, USUAL_RANGE * radian_at(recording, expected), 1.0)
+    limits = FASTEST * np.where(is_slide, USUAL_RANGE * find_radian_equivalents(recording, expected), 1.0)
     if expected.max_speed is not None:
         limits[:] = expected.max_speed
     fast = speeds > limits
     found = []
     for index, joint in enumerate(recording.joints):
-        rows = row_numbers(recording.rows, fast[:, index])
+        rows = list_row_numbers(recording.rows, fast[:, index])
         if rows:
             wraps = (np.abs(np.abs(moves[:, index]) - WHOLE_TURN) < 0.1 * WHOLE_TURN) & (joint not in expected.slides)
-            unit = unit_at("rad/s", joint in expected.slides)
+            unit = convert_hinge_unit("rad/s", joint in expected.slides)
             hint = "jumps of a whole turn are an encoder's wrap: unwrap it first" if wraps.any() else ""
             what = (
                 f"{joint} reaches {speeds[:, index].max():.4g} {unit} in {recording.name_rows(rows)}, "

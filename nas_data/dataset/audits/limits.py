@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import AuditFinding, Expected, row_numbers
+from nas_data.dataset.audits.base import AuditFinding, Expected, list_row_numbers
 from nas_data.dataset.recording import Recording
-from nas_data.joint_units import joint_unit
+from nas_data.joint_units import find_joint_unit
 
 TOLERANCE = 1e-6  # [rad; m]; limits and logs are written with so many digits
 
@@ -16,19 +16,21 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
         if joint not in expected.limits:
             continue
         if not expected.effort:
-            found += _beyond(recording, expected, index, "command", recording.commands[:, index])
-        found += _beyond(recording, expected, index, "position", recording.positions[:, index])
+            found += _report_excess(recording, expected, index, "command", recording.commands[:, index])
+        found += _report_excess(recording, expected, index, "position", recording.positions[:, index])
     return found
 
 
-def _beyond(recording: Recording, expected: Expected, index: int, what: str, values: np.ndarray) -> list[AuditFinding]:
+def _report_excess(
+    recording: Recording, expected: Expected, index: int, what: str, values: np.ndarray
+) -> list[AuditFinding]:
     joint = recording.joints[index]
     low, high = expected.limits[joint]
     excess = np.maximum(values - high, low - values)
-    rows = row_numbers(recording.rows, excess > TOLERANCE)
+    rows = list_row_numbers(recording.rows, excess > TOLERANCE)
     if not rows:
         return []
-    unit = joint_unit(joint, expected.slides).si
+    unit = find_joint_unit(joint, expected.slides).si
     text = (
         f"the {what} of {joint} is up to {excess.max():.3g} {unit} beyond its limits "
         f"{low:.4g} … {high:.4g} {unit} in {recording.name_rows(rows)}"

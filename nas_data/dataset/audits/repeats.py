@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import AuditFinding, Expected, radian_at, row_numbers
+from nas_data.dataset.audits.base import AuditFinding, Expected, find_radian_equivalents, list_row_numbers
 from nas_data.dataset.audits.torque_off import SIGNAL as TORQUE
-from nas_data.dataset.noise import SMALLEST, quantum
+from nas_data.dataset.noise import SMALLEST, find_quantisation_step
 from nas_data.dataset.recording import Recording
-from nas_data.dataset.rows import spans
+from nas_data.dataset.rows import find_row_spans
 
 MOVED = 2.5  # [quanta] a joint that moves this far a row cannot give the same reading twice …
 FASTER = 0.2  # … nor one that moves this share of its largest moves, where resampling has blurred the quanta
@@ -22,31 +22,31 @@ BEATS = 5  # repeats from which a beat can be told
 
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Report repeated readings: surely stale ones, and those that stiction could explain as well."""
-    same = _same_as_before(recording)
-    moving = _moving(recording, expected)
+    same = _find_repeated_rows(recording)
+    moving = _find_moving_rows(recording, expected)
     stale = same & moving
-    rows = row_numbers(recording.rows, stale)
+    rows = list_row_numbers(recording.rows, stale)
     found = []
     if rows:
         what = (
             f"the reading before is repeated in {recording.name_rows(rows)} although the joint moves: "
-            f"{_pattern(stale, expected.rate)}"
+            f"{_describe_pattern(stale, expected.rate)}"
         )
         minor = len(rows) <= TOLERATED * np.count_nonzero(moving)
         found.append(AuditFinding("repeated_samples", recording.label, what, rows=rows, minor=minor))
-    held = _held(recording, expected, same & ~stale)
-    rows = row_numbers(recording.rows, held)
+    held = _find_held_rows(recording, expected, same & ~stale)
+    rows = list_row_numbers(recording.rows, held)
     if rows:
-        longest = max(last - first + 1 for first, last in spans(np.flatnonzero(held)))
+        longest = max(last - first + 1 for first, last in find_row_spans(np.flatnonzero(held)))
         what = (
             f"the reading stays the same for up to {longest / expected.rate:.2g} s while the command moves, in "
             f"{recording.name_rows(rows)}: a joint that sticks, or stale readings; the log alone cannot tell"
         )
         found.append(AuditFinding("repeated_samples", recording.label, what, rows=rows, minor=True))
-    return found if expected.effort else found + _stuck(recording, expected, held)
+    return found if expected.effort else found + _report_stuck_joints(recording, expected, held)
 
 
-def _same_as_before(recording: Recording) -> np.ndarray:
+def _find_repeated_rows(recording: Recording) -> np.ndarray:
     """Return which rows repeat position and velocity of all joints, shape (N,).
 
     A velocity register that changes proves a fresh reading.
@@ -58,7 +58,7 @@ def _same_as_before(recording: Recording) -> np.ndarray:
     return np.concatenate([[False], same])
 
 
-def _moving(recording: Recording, expected: Expected) -> np.ndarray:
+def _find_moving_rows(recording: Recording, expected: Expected) -> np.ndarray:
     """Return which rows lie in a motion that must change the next reading, shape (N,).
 
     The motion a row is the velocity register's, or, where there is none, the smaller of the mean moves on either
@@ -73,13 +73,13 @@ def _moving(recording: Recording, expected: Expected) -> np.ndarray:
         before = (padded[reach:-reach] - padded[: -2 * reach])[:-1] / reach
         after = (padded[2 * reach :] - padded[reach:-reach])[1:] / reach
         moves = np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0.0)
-    radians = radian_at(recording, expected)
-    coarse = MOVED * radians * [quantum(column) for column in (positions / radians).T]
+    radians = find_radian_equivalents(recording, expected)
+    coarse = MOVED * radians * [find_quantisation_step(column) for column in (positions / radians).T]
     large = np.quantile(np.abs(np.diff(positions, axis=0)), 0.99, axis=0)
     return np.asarray((moves > np.maximum(np.maximum(coarse, FASTER * large), SMALLEST * radians)).any(axis=1))
 
 
-def _pattern(stale: np.ndarray, rate: float) -> str:
+def _describe_pattern(stale: np.ndarray, rate: float) -> str:
     """Say whether repeats come at a beat, which tells the device's own rate [Hz], or here and there."""
     gaps = np.diff(np.flatnonzero(stale))
     beat = gaps[np.abs(gaps - np.median(gaps)) <= 1] if gaps.size else gaps
@@ -92,31 +92,31 @@ def _pattern(stale: np.ndarray, rate: float) -> str:
     return "they come here and there: the recorder was faster than the robot answered, or lost an answer"
 
 
-def _held(recording: Recording, expected: Expected, same: np.ndarray) -> np.ndarray:
+def _find_held_rows(recording: Recording, expected: Expected, same: np.ndarray) -> np.ndarray:
     """Return which repeated rows belong to a lasting run in which the command moves all the time, shape (N,)."""
     held = np.zeros(len(recording), bool)
-    least = COMMANDED * (1.0 if expected.effort else radian_at(recording, expected))
+    least = COMMANDED * (1.0 if expected.effort else find_radian_equivalents(recording, expected))
     commanded = np.concatenate([[False], (np.diff(recording.commands, axis=0) != 0).any(axis=1)])
-    for first, last in spans(np.flatnonzero(same & commanded)):
+    for first, last in find_row_spans(np.flatnonzero(same & commanded)):
         commands = recording.commands[first - 1 : last + 1]
         if (last - first + 1) / expected.rate >= LASTING and (np.ptp(commands, axis=0) > least).any():
             held[first : last + 1] = True
     return held
 
 
-def _stuck(recording: Recording, expected: Expected, said: np.ndarray) -> list[AuditFinding]:
+def _report_stuck_joints(recording: Recording, expected: Expected, said: np.ndarray) -> list[AuditFinding]:
     """Report joints whose reading alone stands still for long while their own command goes far away and back."""
-    found, radians = [], radian_at(recording, expected)
+    found, radians = [], find_radian_equivalents(recording, expected)
     released = (recording.signals.get(TORQUE, np.ones((len(recording), 1))) == 0).any(axis=1)
     for index, joint in enumerate(recording.joints):
         position, command = recording.positions[:, index], recording.commands[:, index]
         stuck = np.zeros(len(recording), bool)
-        for first, last in spans(np.flatnonzero(np.diff(position) == 0) + 1):
+        for first, last in find_row_spans(np.flatnonzero(np.diff(position) == 0) + 1):
             known = (said | released)[first : last + 1].any()
             away = np.ptp(command[first - 1 : last]) > AWAY * radians[index]
             if (last - first + 1) / expected.rate >= STUCK and away and not known:
                 stuck[first : last + 1] = True
-        rows = row_numbers(recording.rows, stuck)
+        rows = list_row_numbers(recording.rows, stuck)
         if rows:
             what = (
                 f"the reading of {joint} stands still in {recording.name_rows(rows)} while its command moves: a "

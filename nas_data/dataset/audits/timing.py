@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import AuditFinding, Expected, row_numbers
+from nas_data.dataset.audits.base import AuditFinding, Expected, list_row_numbers
 from nas_data.dataset.recording import Recording
 
 RATE_NOTED = 0.005  # relative deviation of the rate that is reported …
@@ -21,7 +21,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     if not np.isfinite(recording.time).all() or len(recording) < 2:
         return []
     steps = np.diff(recording.time)
-    back = row_numbers(recording.rows[1:], steps < 0)
+    back = list_row_numbers(recording.rows[1:], steps < 0)
     if back:
         what = f"the time goes back in {recording.name_rows(back)}"
         remedy = (
@@ -30,7 +30,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
         )
         return [AuditFinding("time_backwards", recording.label, what, remedy, back, error=True)]
     found = []
-    repeated = row_numbers(recording.rows[1:], steps == 0)
+    repeated = list_row_numbers(recording.rows[1:], steps == 0)
     if len(repeated) == len(steps):
         what, remedy = "the time is the same in all rows", "name the time column in [read.time]"
         return [AuditFinding("repeated_time", recording.label, what, remedy, repeated, error=True)]
@@ -45,7 +45,12 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
         kept = "resampling takes the last of them" if expected.resampled else "they are kept as rows of their own"
         what = f"the time does not go on in {recording.name_rows(repeated)}: {kept}"
         found.append(AuditFinding("repeated_time", recording.label, what, rows=repeated))
-    return _divided(recording) + found + _rate(recording, steps, expected) + _steps(recording, steps, expected)
+    return (
+        _report_division(recording)
+        + found
+        + _rate(recording, steps, expected)
+        + _report_uneven_steps(recording, steps, expected)
+    )
 
 
 def find_holes(steps: np.ndarray, period: float) -> np.ndarray:
@@ -53,7 +58,7 @@ def find_holes(steps: np.ndarray, period: float) -> np.ndarray:
     return np.asarray(steps > max(MISSING * period, SECONDS))
 
 
-def _divided(recording: Recording) -> list[AuditFinding]:
+def _report_division(recording: Recording) -> list[AuditFinding]:
     """Report the hole before a recording's first row, at which its log was divided."""
     if not recording.gap:
         return []
@@ -85,11 +90,11 @@ def _rate(recording: Recording, steps: np.ndarray, expected: Expected) -> list[A
     return [AuditFinding("rate", recording.label, what, remedy, error=refused)]
 
 
-def _steps(recording: Recording, steps: np.ndarray, expected: Expected) -> list[AuditFinding]:
+def _report_uneven_steps(recording: Recording, steps: np.ndarray, expected: Expected) -> list[AuditFinding]:
     """Report holes and uneven steps; where rows are resampled only gaps that interpolation would have to invent."""
     periods = steps * expected.rate
     if expected.resampled:
-        gaps = row_numbers(recording.rows[1:], periods > GAP)
+        gaps = list_row_numbers(recording.rows[1:], periods > GAP)
         if not gaps:
             return []
         what = f"up to {steps.max() * 1e3:.3g} ms pass before {recording.name_rows(gaps)}"
@@ -97,18 +102,18 @@ def _steps(recording: Recording, steps: np.ndarray, expected: Expected) -> list[
         return [AuditFinding("time_gap", recording.label, what, remedy, gaps)]
     found = []
     holes = find_holes(steps, 1 / expected.rate) & find_holes(steps, float(np.median(steps)))
-    rows = row_numbers(recording.rows[1:], holes)
+    rows = list_row_numbers(recording.rows[1:], holes)
     if rows:
         what = (
             f"{steps[holes].max():.3g} s are missing before {recording.name_rows(rows)}, in which nothing was measured"
         )
         found.append(AuditFinding("time_gap", recording.label, what, rows=rows, error=True))
     uneven = (np.abs(periods - 1) > expected.jitter + STEP_ROUNDING) & (steps > 0) & ~holes
-    rows = row_numbers(recording.rows[1:], uneven)
+    rows = list_row_numbers(recording.rows[1:], uneven)
     if not rows:
         return found
     what = (
-        f"the step before {recording.name_rows(rows)} is {_milliseconds(steps[uneven])} ms "
+        f"the step before {recording.name_rows(rows)} is {_format_milliseconds(steps[uneven])} ms "
         f"instead of {1e3 / expected.rate:.4g} ms"
     )
     derived = ", because velocities are derived as if they were" if expected.derived else ""
@@ -117,7 +122,7 @@ def _steps(recording: Recording, steps: np.ndarray, expected: Expected) -> list[
     return [*found, AuditFinding("irregular_time", recording.label, what, remedy, rows, minor=minor)]
 
 
-def _milliseconds(steps: np.ndarray) -> str:
+def _format_milliseconds(steps: np.ndarray) -> str:
     """Return the range of some steps, or their one length."""
     low, high = f"{steps.min() * 1e3:.4g}", f"{steps.max() * 1e3:.4g}"
     return low if low == high else f"{low} to {high}"

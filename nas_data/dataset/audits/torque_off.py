@@ -1,6 +1,6 @@
 """Torque off: rows in which the commands cannot act because the servo is released."""
 
-from nas_data.dataset.audits.base import AuditFinding, Expected, row_numbers
+from nas_data.dataset.audits.base import AuditFinding, Expected, list_row_numbers
 from nas_data.dataset.recording import Recording
 
 SIGNAL = "torque_enable"
@@ -10,7 +10,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Report rows in which the log's `torque_enable` signal is zero for some joint."""
     if SIGNAL not in recording.signals:
         return []
-    rows = row_numbers(recording.rows, (recording.signals[SIGNAL] == 0).any(axis=1))
+    rows = list_row_numbers(recording.rows, (recording.signals[SIGNAL] == 0).any(axis=1))
     if not rows:
         return []
     what = f"the torque is off in {recording.name_rows(rows)}: the command does not act there"

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import AuditFinding, Expected, radian_at, row_numbers
+from nas_data.dataset.audits.base import AuditFinding, Expected, find_radian_equivalents, list_row_numbers
 from nas_data.dataset.audits.velocity import LATEST, STEP, VelocityFit, fit_register
 from nas_data.dataset.recording import Recording
-from nas_data.dataset.rows import spans
+from nas_data.dataset.rows import find_row_spans
 
 WHILE = 0.2  # [s]; a register's filter and a coarse encoder even out over it
 ROWS = 5  # fewer rows cannot tell a mean speed
@@ -21,7 +21,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     once = np.concatenate([[True], np.diff(recording.time) > 0])
     if recording.velocities is None or np.count_nonzero(once) <= LASTING * max(round(WHILE * expected.rate), ROWS):
         return []
-    found, radians = [], radian_at(recording, expected)
+    found, radians = [], find_radian_equivalents(recording, expected)
     for index, joint in enumerate(recording.joints):
         # A register that is zero all the time is the velocity audit's finding.
         if not recording.velocities[:, index].any():
@@ -30,10 +30,12 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
         delays = [fit.delay] if fit else np.arange(-1.0, LATEST + STEP, STEP).tolist()  # [periods]
         fits = [VelocityFit(fit.factor if fit else 1.0, delay) for delay in delays]
         radian = float(radians[index])
-        wrong = min((_contradicting(recording, expected, index, one, radian) for one in fits), key=np.count_nonzero)
-        wrong |= _frozen(recording, expected, index, radian)
+        wrong = min(
+            (_find_contradicting_rows(recording, expected, index, one, radian) for one in fits), key=np.count_nonzero
+        )
+        wrong |= _find_frozen_rows(recording, expected, index, radian)
         if wrong.any():
-            rows = row_numbers(recording.rows, wrong)
+            rows = list_row_numbers(recording.rows, wrong)
             what = (
                 f"the position of {joint} contradicts its velocity in {recording.name_rows(rows)}: one of them is "
                 "stale or another joint's"
@@ -43,7 +45,9 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     return found
 
 
-def _contradicting(recording: Recording, expected: Expected, index: int, fit: VelocityFit, radian: float) -> np.ndarray:
+def _find_contradicting_rows(
+    recording: Recording, expected: Expected, index: int, fit: VelocityFit, radian: float
+) -> np.ndarray:
     """Return which rows lie in lasting runs of whiles whose mean speeds disagree, shape (N,)."""
     assert recording.velocities is not None
     rows = max(round(WHILE * expected.rate), ROWS)
@@ -59,7 +63,7 @@ def _contradicting(recording: Recording, expected: Expected, index: int, fit: Ve
     missed = (changes[rows:] - changes[:-rows]) / 2 / span
     apart = np.abs(gone - said) > np.maximum(np.maximum(NOTED * radian, SHARE * larger), missed)
     wrong = np.zeros(len(time), bool)
-    for first, last in spans(np.flatnonzero(apart)):
+    for first, last in find_row_spans(np.flatnonzero(apart)):
         if last - first + 1 >= LASTING * rows:
             wrong[first + rows // 2 : last + 1 + rows // 2] = True
     every = np.zeros(len(recording), bool)
@@ -67,12 +71,12 @@ def _contradicting(recording: Recording, expected: Expected, index: int, fit: Ve
     return every
 
 
-def _frozen(recording: Recording, expected: Expected, index: int, radian: float) -> np.ndarray:
+def _find_frozen_rows(recording: Recording, expected: Expected, index: int, radian: float) -> np.ndarray:
     """Return which rows repeat a position for long while the register runs, however late it is, shape (N,)."""
     assert recording.velocities is not None
     position, register = recording.positions[:, index], recording.velocities[:, index]
     frozen = np.zeros(len(recording), bool)
-    for first, last in spans(np.flatnonzero(np.diff(position) == 0) + 1):
+    for first, last in find_row_spans(np.flatnonzero(np.diff(position) == 0) + 1):
         late = register[first + int(LATEST) : last + 1]
         if (last - first + 1) / expected.rate < FROZEN or not late.size or np.abs(late).max() < NOTED * radian:
             continue

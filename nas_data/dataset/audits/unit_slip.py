@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import AuditFinding, Expected, row_numbers
+from nas_data.dataset.audits.base import AuditFinding, Expected, list_row_numbers
 from nas_data.dataset.joints import LARGEST_ANGLE, LARGEST_LENGTH
 from nas_data.dataset.recording import Recording
-from nas_data.joint_units import joint_unit
+from nas_data.joint_units import find_joint_unit
 
 FURTHEST = {  # by whether a joint is a slide: how far it goes at most, in words too, and what else the log may hold
     False: (LARGEST_ANGLE, "two turns", "degrees or ticks"),
@@ -16,20 +16,20 @@ BEYOND = 0.5  # share of the range by which a measured position cannot exceed it
 
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Refuse positions and commands that cannot be in the unit that they are said to be in."""
-    found = [] if expected.turns else _too_large(recording, expected, "position", recording.positions)
+    found = [] if expected.turns else _report_large_values(recording, expected, "position", recording.positions)
     if not expected.effort and not expected.turns:
-        found += _too_large(recording, expected, "command", recording.commands)
-    return found or _far_beyond(recording, expected)
+        found += _report_large_values(recording, expected, "command", recording.commands)
+    return found or _report_limit_excess(recording, expected)
 
 
-def _too_large(recording: Recording, expected: Expected, what: str, values: np.ndarray) -> list[AuditFinding]:
+def _report_large_values(recording: Recording, expected: Expected, what: str, values: np.ndarray) -> list[AuditFinding]:
     found = []
     for index, joint in enumerate(recording.joints):
         size = np.abs(values[:, index])
         most, told, units = FURTHEST[joint in expected.slides]
-        rows = row_numbers(recording.rows, size > most)
+        rows = list_row_numbers(recording.rows, size > most)
         if rows:
-            unit = joint_unit(joint, expected.slides).si
+            unit = find_joint_unit(joint, expected.slides).si
             text = (
                 f"the {what} of {joint} reaches {size.max():.4g} {unit} in {recording.name_rows(rows)}, "
                 f"more than {told}"
@@ -47,15 +47,15 @@ def _name_key(what: str, joint: str) -> str:
     return f"unit in [read.{what}], or in [read.{what}.joints.{joint}] where the map has it"
 
 
-def _far_beyond(recording: Recording, expected: Expected) -> list[AuditFinding]:
+def _report_limit_excess(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """A joint cannot turn far beyond its limits: the number must mean something else."""
     found = []
     for joint, (low, high) in expected.limits.items():
         values = recording.positions[:, recording.joints.index(joint)]
         excess = np.maximum(values - high, low - values)
-        rows = row_numbers(recording.rows, excess > BEYOND * (high - low))
+        rows = list_row_numbers(recording.rows, excess > BEYOND * (high - low))
         if rows:
-            unit, units = joint_unit(joint, expected.slides).si, FURTHEST[joint in expected.slides][2]
+            unit, units = find_joint_unit(joint, expected.slides).si, FURTHEST[joint in expected.slides][2]
             what = (
                 f"the position of {joint} is {excess.max():.3g} {unit} beyond its limits {low:.4g} … {high:.4g} {unit} "
                 f"in {recording.name_rows(rows)}"

@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nas_data.dataset.audits.base import AuditFinding, Expected, radian_at
+from nas_data.dataset.audits.base import AuditFinding, Expected, find_radian_equivalents
 from nas_data.dataset.recording import Recording
-from nas_data.joint_units import unit_at
+from nas_data.joint_units import convert_hinge_unit
 
 UNLIKE = 0.44  # distance as a share of the speed from which they are not the same motion: a correlation of 0.9
 KEPT = 0.95  # share of the rows that are compared
@@ -71,7 +71,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     }
     if expected.effort:  # how soon a joint is done with a torque, nothing tells
         fits = {joint: replace(fit, way=1.0) for joint, fit in fits.items()}
-    found = _silent(recording, expected) + _scales(recording, expected, fits)
+    found = _report_silent_registers(recording, expected) + _report_wrong_scales(recording, expected, fits)
     if expected.derived:  # the register is only kept beside the velocities
         found = [replace(finding, error=False) for finding in found]
     least = LEAST * expected.rate
@@ -79,8 +79,8 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     if late and not expected.derived:
         delay = float(np.median(list(late.values())))
         what = (
-            f"the velocity register of {_names(list(late))} is about {delay / expected.rate * 1e3:.2g} ms behind the "
-            "position"
+            f"the velocity register of {_join_names(list(late))} is about {delay / expected.rate * 1e3:.2g} ms behind "
+            "the position"
         )
         remedy = "velocity = 'derive' in the map takes it from the positions instead"
         found.append(AuditFinding("velocity_lag", recording.label, what, remedy))
@@ -131,13 +131,13 @@ def fit_register(recording: Recording, index: int, period: float) -> VelocityFit
     apart, delay, factor = best
     if apart > UNLIKE:
         return None
-    way = _way(recording, index)
+    way = _estimate_travel_share(recording, index)
     if undelayed[0] > TOLD and way <= FAST:  # else both delays look alike
-        delay = _delay(time, position, register, period) or delay
+        delay = _find_delay(time, position, register, period) or delay
     return VelocityFit(factor, delay / period, way)
 
 
-def _delay(time: np.ndarray, position: np.ndarray, register: np.ndarray, period: float) -> float | None:
+def _find_delay(time: np.ndarray, position: np.ndarray, register: np.ndarray, period: float) -> float | None:
     """Return the delay [s] at which register and differenced position are most alike over all rows; None if nowhere."""
     difference, middles = np.diff(position) / np.diff(time), (time[1:] + time[:-1]) / 2
     best: tuple[float, float | None] = (ALIKE, None)
@@ -164,31 +164,31 @@ def _fit(earlier: np.ndarray, later: np.ndarray) -> tuple[float, float]:
     return factor, float(np.sqrt(np.mean((later - factor * earlier) ** 2))) / size
 
 
-def _silent(recording: Recording, expected: Expected) -> list[AuditFinding]:
+def _report_silent_registers(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Refuse registers that are zero in all rows although their joint moves."""
     assert recording.velocities is not None
     rows = max(round(WHILE * expected.rate), 1)
     if len(recording) <= rows:
         return []
     speeds = np.abs(recording.positions[rows:] - recording.positions[:-rows]).max(axis=0) * expected.rate / rows
-    silent = ~recording.velocities.any(axis=0) & (speeds > SURELY_MOVING * radian_at(recording, expected))
+    silent = ~recording.velocities.any(axis=0) & (speeds > SURELY_MOVING * find_radian_equivalents(recording, expected))
     if not silent.any():
         return []
     names = [joint for joint, zero in zip(recording.joints, silent, strict=True) if zero]
     fastest = recording.joints[int(np.argmax(np.where(silent, speeds, 0)))]
     what = (
-        f"the velocity of {_names(names)} is zero in all rows although the position moves at up to "
-        f"{speeds[silent].max():.2g} {unit_at('rad/s', fastest in expected.slides)}"
+        f"the velocity of {_join_names(names)} is zero in all rows although the position moves at up to "
+        f"{speeds[silent].max():.2g} {convert_hinge_unit('rad/s', fastest in expected.slides)}"
     )
     return [AuditFinding("velocity_scale", recording.label, what, "say velocity = 'derive' in the map", error=True)]
 
 
-def _scales(recording: Recording, expected: Expected, fits: dict[str, VelocityFit]) -> list[AuditFinding]:
+def _report_wrong_scales(recording: Recording, expected: Expected, fits: dict[str, VelocityFit]) -> list[AuditFinding]:
     """Report joints whose register has another sign or scale than the position."""
     found = []
     wrong = [joint for joint, fit in fits.items() if fit.factor < 0 and not fit.explained()]
     if wrong:
-        what = f"the velocity of {_names(wrong)} has the sign opposite to the differenced position"
+        what = f"the velocity of {_join_names(wrong)} has the sign opposite to the differenced position"
         remedy = "correct 'sign' in [read.velocity] or [read.position]"
         found.append(AuditFinding("velocity_scale", recording.label, what, remedy, error=True))
     for joint, fit in fits.items():
@@ -211,7 +211,7 @@ def _is(value: float, wanted: float, near: float) -> bool:
     return abs(value / wanted - 1) < near
 
 
-def _way(recording: Recording, index: int) -> float:
+def _estimate_travel_share(recording: Recording, index: int) -> float:
     """Return what share of the way to its command a joint makes in one row, usually; above 1 where it overshoots."""
     position, command = recording.positions[:, index], recording.commands[:, index]
     moves = np.diff(position)
@@ -225,5 +225,5 @@ def _way(recording: Recording, index: int) -> float:
     return float(np.max(shares, initial=0.0))
 
 
-def _names(joints: list[str]) -> str:
+def _join_names(joints: list[str]) -> str:
     return ", ".join(joints)

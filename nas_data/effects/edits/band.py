@@ -5,10 +5,10 @@ import numpy as np
 
 from nas_data.effects.edits.passive import add_passive
 from nas_data.effects.edits.pristine import clear_joint, clear_tendon
-from nas_data.effects.edits.servo import feedback, limit_torque, multiply_servo, torque_limits
+from nas_data.effects.edits.servo import limit_torque, multiply_servo, read_force_range, read_position_feedback
 from nas_data.errors import ModelFileError
 from nas_data.mjcf.actuator_lookup import BAND, DAMPING, DRIVE, GAIN, GOAL, PARTS
-from nas_data.mjcf.unique_name import unique_name
+from nas_data.mjcf.unique_name import make_unique_name
 
 SHARE = 1e-4  # coefficient of the joint in the servo's tendon; that of the goal is 1
 QUICK = 1 / 200  # goal's inertia over damping · timestep, so that it moves within one physics step
@@ -38,9 +38,9 @@ def insert_goal(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator) -> N
     """Insert a goal joint between a servo and its joint; with a dead band of zero, the torque is unchanged."""
     refuse_names(spec, joint)
     first, gear = spec.joint(joint), float(servo.gear[0])
-    kp, kv = feedback(servo) * gear**2, -float(servo.biasprm[2]) * gear**2
+    kp, kv = read_position_feedback(servo) * gear**2, -float(servo.biasprm[2]) * gear**2
     move_dampers(first, servo)
-    limits = torque_limits(servo)
+    limits = read_force_range(servo)
     servo.forcelimited, servo.forcerange = mujoco.mjtLimited.mjLIMITED_FALSE, [0.0, 0.0]
     multiply_servo(spec, joint, servo, 1 / SHARE)
     servo.biasprm = np.where(np.arange(len(servo.biasprm)) == 2, 0.0, servo.biasprm)
@@ -48,10 +48,10 @@ def insert_goal(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator) -> N
     servo.trntype = mujoco.mjtTrn.mjTRN_TENDON
     servo.target = add_sum(spec, joint + DRIVE, {goal.name: 1.0, joint: SHARE})
     # the servo's tendon includes this share of the joint already
-    error = add_sum(spec, unique_name(spec.tendon, joint + "_error"), {joint: 1 - SHARE, goal.name: -1.0})
+    error = add_sum(spec, make_unique_name(spec.tendon, joint + "_error"), {joint: 1 - SHARE, goal.name: -1.0})
     add_feedback(spec, joint + GAIN, error, -kp, 0.0)
     add_feedback(spec, joint + BAND, error, kp, 0.0)
-    angle = add_sum(spec, unique_name(spec.tendon, joint + "_turn"), {joint: 1.0})
+    angle = add_sum(spec, make_unique_name(spec.tendon, joint + "_turn"), {joint: 1.0})
     add_feedback(spec, joint + DAMPING, angle, 0.0, -kv)
     if limits is not None:
         limit_torque(first, *np.sort(np.array(limits) * gear))
@@ -84,7 +84,7 @@ def add_goal(spec: mujoco.MjSpec, first: mujoco.MjsJoint, stiffness: float) -> m
     step = spec.option.timestep
     name = first.name + GOAL
     body = spec.worldbody.add_body(mass=MASS, inertia=np.full(3, INERTIA), explicitinertial=True)
-    body.name, body.ipos = unique_name(spec.body, name), np.zeros(3)
+    body.name, body.ipos = make_unique_name(spec.body, name), np.zeros(3)
     goal = body.add_joint(name=name, type=first.type, axis=[0, 0, 1])
     clear_joint(goal)
     goal.damping = [stiffness * step, 0.0, 0.0]

@@ -22,9 +22,9 @@ def find_objects(model: mujoco.MjModel, effect: str) -> list[int]:
     Raises:
         ModelFileError: the model has no object.
     """
-    free = set(range(model.ntree)) - driven_trees(model)
+    free = set(range(model.ntree)) - find_driven_trees(model)
     colliding = {
-        int(model.body_treeid[model.geom_bodyid[geom]]) for geom in range(model.ngeom) if collides(model, geom)
+        int(model.body_treeid[model.geom_bodyid[geom]]) for geom in range(model.ngeom) if can_collide(model, geom)
     }
     bodies = [body for body in range(model.nbody) if int(model.body_treeid[body]) in free & colliding]
     if not bodies:
@@ -35,7 +35,7 @@ def find_objects(model: mujoco.MjModel, effect: str) -> list[int]:
     return bodies
 
 
-def driven_trees(model: mujoco.MjModel) -> set[int]:
+def find_driven_trees(model: mujoco.MjModel) -> set[int]:
     """Return the kinematic trees in which an actuator moves some joint in the reference posture."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -43,7 +43,7 @@ def driven_trees(model: mujoco.MjModel) -> set[int]:
     return {int(model.dof_treeid[dof]) for first, count in rows for dof in data.moment_colind[first : first + count]}
 
 
-def collides(model: mujoco.MjModel, geom: int) -> bool:
+def can_collide(model: mujoco.MjModel, geom: int) -> bool:
     """Whether a geom can touch anything."""
     return bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
 
@@ -54,10 +54,12 @@ def find_partners(model: mujoco.MjModel, geom: int) -> list[int]:
     body = int(model.geom_bodyid[geom])
     others = np.flatnonzero(match != 0)
     apart = model.body_treeid[model.geom_bodyid[others]] != model.body_treeid[body]
-    return [int(other) for other in others[apart] if not excludes_contact(model, body, int(model.geom_bodyid[other]))]
+    return [
+        int(other) for other in others[apart] if not is_contact_excluded(model, body, int(model.geom_bodyid[other]))
+    ]
 
 
-def excludes_contact(model: mujoco.MjModel, first: int, second: int) -> bool:
+def is_contact_excluded(model: mujoco.MjModel, first: int, second: int) -> bool:
     """Whether the model excludes contacts of two bodies."""
     low, high = sorted((first, second))
     return (low << 16) + high in model.exclude_signature

@@ -3,11 +3,11 @@
 import mujoco
 import numpy as np
 
-from nas_data.effects.base import joint_actuator
+from nas_data.effects.base import find_joint_actuator
 from nas_data.effects.edits.pristine import clear_joint, clear_tendon
 from nas_data.errors import ModelFileError
 from nas_data.mjcf.actuator_lookup import PAD, PARTS, PRESSED
-from nas_data.mjcf.unique_name import unique_name
+from nas_data.mjcf.unique_name import make_unique_name
 
 # Measured on servos of XL-320 size and on servos four times as fast (up to 22 rad/s), with a timestep of 0.5 ms and
 # ratios of 0.1 to 0.6: deviation from the equation of at most 0.1° and 0.4°. Files for 0.5 ms deviate by at most 0.2°
@@ -54,7 +54,7 @@ def press_pad(spec: mujoco.MjSpec, joint: str, ratio: float, torque: float, spee
     pad, stops = add_parts(spec, joint, mass, clearance)
     couple_servo(spec, joint)
     for stop in stops:
-        pair = spec.add_pair(name=unique_name(spec.pair, stop), geomname1=pad, geomname2=stop)
+        pair = spec.add_pair(name=make_unique_name(spec.pair, stop), geomname1=pad, geomname2=stop)
         pair.condim, pair.friction = TORSION, [SLIDING, SLIDING, ratio / PER_TURN, 0.0, 0.0]
         pair.margin, pair.gap, pair.solimp = 0.0, 0.0, HARD
         pair.solref = [2 * step, 1.0]  # a stiffer or less damped contact bounces, and then the joint creeps
@@ -99,7 +99,7 @@ def add_parts(spec: mujoco.MjSpec, joint: str, mass: float, clearance: float) ->
     anchor, axis = data.xanchor[index], data.xaxis[index]
     radius = STOPS * clearance
     holder = (spec.worldbody if base == 0 else body.parent).add_body(
-        name=unique_name(spec.body, joint + "_pad"), explicitinertial=True, mass=mass, gravcomp=1.0
+        name=make_unique_name(spec.body, joint + "_pad"), explicitinertial=True, mass=mass, gravcomp=1.0
     )
     holder.pos, holder.ipos = to_body_frame(data, base, anchor), np.zeros(3)
     holder.inertia = np.full(3, 0.4 * mass * radius**2)
@@ -119,7 +119,7 @@ def to_body_frame(data: mujoco.MjData, body: int, point: np.ndarray) -> np.ndarr
 
 def add_ball(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, position: np.ndarray, radius: float) -> str:
     """Add a massless, invisible sphere that only collides in explicit pairs; return its name."""
-    ball = body.add_geom(name=unique_name(spec.geom, name), type=mujoco.mjtGeom.mjGEOM_SPHERE)
+    ball = body.add_geom(name=make_unique_name(spec.geom, name), type=mujoco.mjtGeom.mjGEOM_SPHERE)
     ball.size, ball.pos, ball.quat = [radius, 0.0, 0.0], position, [1.0, 0.0, 0.0, 0.0]
     ball.mass, ball.contype, ball.conaffinity = 0.0, 0, 0
     ball.group, ball.rgba, ball.material = HIDDEN, np.zeros(4), ""
@@ -133,7 +133,7 @@ def couple_servo(spec: mujoco.MjSpec, joint: str) -> None:
         slide.actfrclimited, slide.actfrcrange = limited.actfrclimited, PER_TURN * limited.actfrcrange
     tendons = set()
     parts = [spec.actuator(joint + part) for part in PARTS]
-    for servo in (joint_actuator(spec, joint), *(part for part in parts if part is not None)):
+    for servo in (find_joint_actuator(spec, joint), *(part for part in parts if part is not None)):
         if servo.trntype == mujoco.mjtTrn.mjTRN_JOINT:
             tendon = spec.tendon(joint + PRESSED) or spec.add_tendon(name=joint + PRESSED)
             if not tendon.path:

@@ -8,8 +8,8 @@ import numpy as np
 
 from nas_data.dataset.features import POSITION
 from nas_data.effects.edits.pristine import JOINT, clear_joint, clear_tendon
-from nas_data.mjcf.actuator_lookup import driven_joint
-from nas_data.mjcf.unique_name import unique_name
+from nas_data.mjcf.actuator_lookup import find_driven_joint
+from nas_data.mjcf.unique_name import make_unique_name
 
 SMALLEST = 2e-5  # [kg m²] a hinge with less inertia oscillates at a timestep of 2 ms
 STOP = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp of a stop that holds the motor even through a very light link
@@ -30,29 +30,29 @@ def add_series_joint(spec: mujoco.MjSpec, joint: str, suffix: str) -> mujoco.Mjs
     Returns:
         The second joint, or the one that an earlier effect of the same type added.
     """
-    if (existing := series_joint(spec, joint, suffix)) is not None:
+    if (existing := find_series_joint(spec, joint, suffix)) is not None:
         return existing
     first = spec.joint(joint)
-    motor = spec.compile() if driven_by_torque(spec, joint) else None
+    motor = spec.compile() if is_torque_driven(spec, joint) else None
     # neither a servo without armature nor a piece between two such hinges may be without inertia
     between = SMALLEST if len(first.parent.joints) > 1 else SMALLEST - first.armature
-    armature = max(lacking_inertia(spec, joint, SMALLEST), between)
-    second = insert_joint(spec, first, unique_name(spec.joint, f"{joint}_{suffix}"))
+    armature = max(compute_missing_armature(spec, joint, SMALLEST), between)
+    second = insert_joint(spec, first, make_unique_name(spec.joint, f"{joint}_{suffix}"))
     second.type, second.pos, second.axis = first.type, first.pos, first.axis
     if first.frame is not None:
         second.set_frame(first.frame)
     clear_joint(second)
     second.armature = armature
-    tendon = measured_tendon(spec, joint)
+    tendon = ensure_measured_tendon(spec, joint)
     if motor is not None:
         move_stops(motor, first, tendon)
     tendon.wrap_joint(second.name, 1.0)
     return second
 
 
-def driven_by_torque(spec: mujoco.MjSpec, joint: str) -> bool:
+def is_torque_driven(spec: mujoco.MjSpec, joint: str) -> bool:
     """Whether a joint is driven, but by no actuator with position feedback."""
-    driving = [actuator for actuator in spec.actuators if driven_joint(spec, actuator) == joint]
+    driving = [actuator for actuator in spec.actuators if find_driven_joint(spec, actuator) == joint]
     return bool(driving) and not any(actuator.biasprm[1] for actuator in driving)
 
 
@@ -79,7 +79,7 @@ def insert_joint(spec: mujoco.MjSpec, first: mujoco.MjsJoint, name: str) -> mujo
     """
     joints = first.parent.joints
     later = joints[[joint.name for joint in joints].index(first.name) + 1 :]
-    while later and same_axis(later[0], first):
+    while later and has_same_axis(later[0], first):
         del later[0]
     added = first.parent.add_joint(name=name)
     for joint in later:
@@ -87,7 +87,7 @@ def insert_joint(spec: mujoco.MjSpec, first: mujoco.MjsJoint, name: str) -> mujo
     return added
 
 
-def same_axis(one: mujoco.MjsJoint, other: mujoco.MjsJoint) -> bool:
+def has_same_axis(one: mujoco.MjsJoint, other: mujoco.MjsJoint) -> bool:
     """Whether two joints of a body have the same type and axis, so that their order does not matter."""
     fields = ("type", "pos", "axis")
     equal = all(np.array_equal(getattr(one, field), getattr(other, field)) for field in fields)
@@ -106,7 +106,7 @@ def move_to_end(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> None:
     spec.delete(joint)
 
 
-def series_joint(spec: mujoco.MjSpec, joint: str, suffix: str) -> mujoco.MjsJoint | None:
+def find_series_joint(spec: mujoco.MjSpec, joint: str, suffix: str) -> mujoco.MjsJoint | None:
     """Return the second joint with a suffix that is measured together with a joint; None if there is none."""
     sensor = spec.sensor(joint + POSITION)
     if sensor is None or sensor.type != mujoco.mjtSensor.mjSENS_TENDONPOS:
@@ -116,14 +116,14 @@ def series_joint(spec: mujoco.MjSpec, joint: str, suffix: str) -> mujoco.MjsJoin
     return next((part for part in parts if re.fullmatch(pattern, part.name)), None)
 
 
-def lacking_inertia(spec: mujoco.MjSpec, joint: str, wanted: float) -> float:
+def compute_missing_armature(spec: mujoco.MjSpec, joint: str, wanted: float) -> float:
     """Return the armature that a second joint needs beside its link's inertia for a wanted inertia [kg·m²]."""
     model = spec.compile()
     dof = int(model.joint(joint).dofadr[0])
     return max(0.0, wanted - SURE * float(model.dof_M0[dof] - model.dof_armature[dof]))
 
 
-def measured_tendon(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsTendon:
+def ensure_measured_tendon(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsTendon:
     """Return the fixed tendon that is measured as `<joint>.pos`.
 
     It is added if necessary, even beside a tendon of the model's author, which may exert forces.
@@ -138,7 +138,7 @@ def measured_tendon(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsTendon:
         return spec.tendon(sensor.objname)
     else:
         parts = {wrap.target.name: wrap.coef for wrap in spec.tendon(sensor.objname).path}
-    tendon = spec.add_tendon(name=unique_name(spec.tendon, name))
+    tendon = spec.add_tendon(name=make_unique_name(spec.tendon, name))
     clear_tendon(tendon)
     for part, share in parts.items():
         tendon.wrap_joint(part, share)

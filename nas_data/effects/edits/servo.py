@@ -6,14 +6,14 @@ from collections.abc import Iterable
 import mujoco
 import numpy as np
 
-from nas_data.effects.base import joint_actuator
+from nas_data.effects.base import find_joint_actuator
 from nas_data.errors import ModelFileError
-from nas_data.mjcf.actuator_lookup import BAND, DAMPING, GAIN, GOAL, PARTS, REST_SHIFT, driven_joint
+from nas_data.mjcf.actuator_lookup import BAND, DAMPING, GAIN, GOAL, PARTS, REST_SHIFT, find_driven_joint
 
 ALIKE = 1e-6  # relative tolerance within which a gain equals the feedback
 
 
-def position_servo(spec: mujoco.MjSpec, joint: str, effect: str) -> mujoco.MjsActuator:
+def find_position_servo(spec: mujoco.MjSpec, joint: str, effect: str) -> mujoco.MjsActuator:
     """Return the position servo of a joint.
 
     Args:
@@ -25,8 +25,8 @@ def position_servo(spec: mujoco.MjSpec, joint: str, effect: str) -> mujoco.MjsAc
         JointMismatch: no actuator drives the joint.
         ModelFileError: its actuator has no position feedback, or is not commanded a position.
     """
-    actuator = joint_actuator(spec, joint)
-    if feedback(actuator) <= 0 or not takes_position(actuator):
+    actuator = find_joint_actuator(spec, joint)
+    if read_position_feedback(actuator) <= 0 or not is_position_controlled(actuator):
         raise ModelFileError(
             f"{effect} acts on a position servo; the actuator '{actuator.name}' of the joint '{joint}' has no "
             "position feedback: give a model whose actuators are <position> or <pid>."
@@ -34,7 +34,7 @@ def position_servo(spec: mujoco.MjSpec, joint: str, effect: str) -> mujoco.MjsAc
     return actuator
 
 
-def gain_servo(spec: mujoco.MjSpec, joint: str, effect: str) -> mujoco.MjsActuator:
+def find_gain_servo(spec: mujoco.MjSpec, joint: str, effect: str) -> mujoco.MjsActuator:
     """Return the servo with position feedback of a joint: a position servo, or one that integrates a velocity.
 
     Args:
@@ -46,8 +46,8 @@ def gain_servo(spec: mujoco.MjSpec, joint: str, effect: str) -> mujoco.MjsActuat
         JointMismatch: no actuator drives the joint.
         ModelFileError: its actuator has no position feedback.
     """
-    actuator = joint_actuator(spec, joint)
-    if feedback(actuator) <= 0:
+    actuator = find_joint_actuator(spec, joint)
+    if read_position_feedback(actuator) <= 0:
         raise ModelFileError(
             f"{effect} acts on a servo with position feedback; the actuator '{actuator.name}' of the joint '{joint}' "
             "has none: give a model whose actuators are <position>, <pid> or <intvelocity>."
@@ -57,26 +57,26 @@ def gain_servo(spec: mujoco.MjSpec, joint: str, effect: str) -> mujoco.MjsActuat
 
 def speed_servo(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsActuator | None:
     """Return the actuator of a joint that is commanded a speed; None if it is commanded anything else."""
-    actuator = joint_actuator(spec, joint)
-    if feedback(actuator) > 0:
-        return None if takes_position(actuator) else actuator
-    return actuator if takes_velocity(actuator) else None
+    actuator = find_joint_actuator(spec, joint)
+    if read_position_feedback(actuator) > 0:
+        return None if is_position_controlled(actuator) else actuator
+    return actuator if is_velocity_controlled(actuator) else None
 
 
 def is_velocity_servo(spec: mujoco.MjSpec, joint: str) -> bool:
     """Whether a joint's actuator has velocity feedback only, and is commanded a speed."""
     servo = speed_servo(spec, joint)
-    return servo is not None and feedback(servo) <= 0 and damping(spec, joint) > 0
+    return servo is not None and read_position_feedback(servo) <= 0 and read_servo_damping(spec, joint) > 0
 
 
-def takes_position(actuator: mujoco.MjsActuator) -> bool:
+def is_position_controlled(actuator: mujoco.MjsActuator) -> bool:
     """Whether the control of an actuator with position feedback is a position, and not the speed of its setpoint."""
     if actuator.gaintype == mujoco.mjtGain.mjGAIN_PID and actuator.ctrlspec:
         return bool(actuator.ctrlspec & int(mujoco.mjtCtrlInput.mjINPUT_POS))
     return bool(actuator.dyntype != mujoco.mjtDyn.mjDYN_INTEGRATOR)
 
 
-def takes_velocity(actuator: mujoco.MjsActuator) -> bool:
+def is_velocity_controlled(actuator: mujoco.MjsActuator) -> bool:
     """Whether the control of an actuator without position feedback is a speed, by its `ctrlspec` or its gains."""
     gain, velocity_feedback = float(actuator.gainprm[0]), -float(actuator.biasprm[2])
     declared = actuator.ctrlspec > 0 and bool(actuator.ctrlspec & int(mujoco.mjtCtrlInput.mjINPUT_VEL))
@@ -88,19 +88,19 @@ def control_per_speed(actuator: mujoco.MjsActuator) -> float:
     gain, gear = float(actuator.gainprm[0]), float(actuator.gear[0])
     if actuator.gaintype == mujoco.mjtGain.mjGAIN_PID:
         return gear
-    return gear * (feedback(actuator) or -float(actuator.biasprm[2])) / gain
+    return gear * (read_position_feedback(actuator) or -float(actuator.biasprm[2])) / gain
 
 
 def take_own_unit(spec: mujoco.MjSpec, joint: str, actuator: mujoco.MjsActuator) -> None:
     """Convert a servo whose control has its own unit (gain k, feedback f) to an equivalent one with another gear.
 
     With the gear multiplied by f / k, forces are multiplied by k / f, and lengths and speeds by f / k; the joint torque
-    is unchanged. The zero of the unit stays in the constant force; `rest_shift` separates it from an offset.
+    is unchanged. The zero of the unit stays in the constant force; `read_rest_shift` separates it from an offset.
     """
-    if actuator.gaintype != mujoco.mjtGain.mjGAIN_FIXED or actuator.gainprm[0] == feedback(actuator):
+    if actuator.gaintype != mujoco.mjtGain.mjGAIN_FIXED or actuator.gainprm[0] == read_position_feedback(actuator):
         return
-    factor = feedback(actuator) / float(actuator.gainprm[0])
-    number = shift_number(spec, joint)
+    factor = read_position_feedback(actuator) / float(actuator.gainprm[0])
+    number = ensure_shift_numeric(spec, joint)
     number.data = [number.data[0] / factor]
     gear, gain, bias = actuator.gear.copy(), actuator.gainprm.copy(), actuator.biasprm.copy()
     gear[0] *= factor
@@ -111,18 +111,18 @@ def take_own_unit(spec: mujoco.MjSpec, joint: str, actuator: mujoco.MjsActuator)
     actuator.armature, actuator.damping = actuator.armature / factor**2, actuator.damping / factor**2
 
 
-def feedback(actuator: mujoco.MjsActuator) -> float:
+def read_position_feedback(actuator: mujoco.MjsActuator) -> float:
     """Return an actuator's force per position error; 0 without position feedback."""
     return -float(actuator.biasprm[1])
 
 
-def stiffness(spec: mujoco.MjSpec, joint: str) -> float:
+def read_servo_stiffness(spec: mujoco.MjSpec, joint: str) -> float:
     """Return the torque of a joint's servo per position error [N·m/rad]; 0 without position feedback."""
     actuator = find_part(spec, joint, GAIN)
-    return feedback(actuator) * float(actuator.gear[0]) ** 2
+    return read_position_feedback(actuator) * float(actuator.gear[0]) ** 2
 
 
-def damping(spec: mujoco.MjSpec, joint: str) -> float:
+def read_servo_damping(spec: mujoco.MjSpec, joint: str) -> float:
     """Return the velocity feedback of a joint's servo [N·m·s/rad]; negative for a damping ratio.
 
     It is the gain of a velocity servo.
@@ -133,7 +133,7 @@ def damping(spec: mujoco.MjSpec, joint: str) -> float:
 
 def scale_stiffness(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
     """Multiply a servo's position gain; damping, dead band and rest position stay."""
-    multiply_servo(spec, joint, joint_actuator(spec, joint), factor)
+    multiply_servo(spec, joint, find_joint_actuator(spec, joint), factor)
     for name in PARTS:
         if (other := spec.actuator(joint + name)) is not None:
             multiply_feedback(other, factor)
@@ -150,7 +150,9 @@ def scale_damping(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
     """
     actuator = find_part(spec, joint, DAMPING)
     bias = actuator.biasprm.copy()
-    scales_command = not bias[1] and actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED and takes_velocity(actuator)
+    scales_command = (
+        not bias[1] and actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED and is_velocity_controlled(actuator)
+    )
     bias[2] *= factor
     actuator.biasprm = bias
     if scales_command:
@@ -159,9 +161,9 @@ def scale_damping(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
         actuator.gainprm = gain
 
 
-def filter_time(spec: mujoco.MjSpec, joint: str) -> float:
+def read_filter_time(spec: mujoco.MjSpec, joint: str) -> float:
     """Return the time constant of the command filter of a joint's actuator [s]; 0 without a filter."""
-    actuator = joint_actuator(spec, joint)
+    actuator = find_joint_actuator(spec, joint)
     filters = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
     return float(actuator.dynprm[0]) if actuator.dyntype in filters else 0.0
 
@@ -171,16 +173,16 @@ def scale_filter(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
 
     Explicit integration diverges for short time constants.
     """
-    actuator = joint_actuator(spec, joint)
+    actuator = find_joint_actuator(spec, joint)
     parameters = actuator.dynprm.copy()
     parameters[0] *= factor
     actuator.dyntype, actuator.dynprm = mujoco.mjtDyn.mjDYN_FILTEREXACT, parameters
 
 
-def torque_limit(spec: mujoco.MjSpec, joint: str) -> float:
+def read_torque_limit(spec: mujoco.MjSpec, joint: str) -> float:
     """Return the torque limit of a joint's servo [N·m]: the lower of actuator and joint; infinite without limits."""
-    actuator, element = joint_actuator(spec, joint), spec.joint(joint)
-    own = torque_limits(actuator)
+    actuator, element = find_joint_actuator(spec, joint), spec.joint(joint)
+    own = read_force_range(actuator)
     found = [max(map(abs, own)) * abs(float(actuator.gear[0]))] if own else []
     if element.actfrclimited != mujoco.mjtLimited.mjLIMITED_FALSE and np.any(element.actfrcrange):
         found.append(float(np.abs(element.actfrcrange).max()))
@@ -189,7 +191,7 @@ def torque_limit(spec: mujoco.MjSpec, joint: str) -> float:
 
 def scale_limit(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
     """Multiply the torque limits of a joint's servo and of the joint."""
-    actuator, element = joint_actuator(spec, joint), spec.joint(joint)
+    actuator, element = find_joint_actuator(spec, joint), spec.joint(joint)
     actuator.forcerange = actuator.forcerange * factor
     element.actfrcrange = element.actfrcrange * factor
 
@@ -215,7 +217,7 @@ def multiply_feedback(actuator: mujoco.MjsActuator, factor: float) -> None:
 def find_part(spec: mujoco.MjSpec, joint: str, name: str) -> mujoco.MjsActuator:
     """Return an actuator of a servo with a dead band; without a dead band, the servo's only actuator."""
     if spec.actuator(joint + BAND) is None:
-        return joint_actuator(spec, joint)
+        return find_joint_actuator(spec, joint)
     return spec.actuator(joint + name)
 
 
@@ -223,23 +225,25 @@ def shift_rest(spec: mujoco.MjSpec, joint: str, actuator: mujoco.MjsActuator, of
     """Shift the rest position of a servo from its command by an offset of the joint [rad].
 
     If gain and feedback differ, a constant force also defines the zero of the control's unit. Then a custom numeric of
-    the model separates both (see `rest_shift`).
+    the model separates both (see `read_rest_shift`).
     """
-    bias, force = actuator.biasprm.copy(), feedback(actuator) * float(actuator.gear[0]) * offset
+    bias, force = actuator.biasprm.copy(), read_position_feedback(actuator) * float(actuator.gear[0]) * offset
     bias[0] += force
     actuator.biasprm = bias
-    own_unit = actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED and actuator.gainprm[0] != feedback(actuator)
+    own_unit = actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED and actuator.gainprm[0] != read_position_feedback(
+        actuator
+    )
     if own_unit or spec.numeric(joint + REST_SHIFT) is not None:
-        number = shift_number(spec, joint)
+        number = ensure_shift_numeric(spec, joint)
         number.data = [number.data[0] + force]
 
 
-def shift_number(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsNumeric:
+def ensure_shift_numeric(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsNumeric:
     """Return the custom numeric with the part of a servo's constant force that effects added; create it if missing."""
     return spec.numeric(joint + REST_SHIFT) or spec.add_numeric(name=joint + REST_SHIFT, size=1, data=[0.0])
 
 
-def rest_shift(model: mujoco.MjModel, joint: str) -> float | None:
+def read_rest_shift(model: mujoco.MjModel, joint: str) -> float | None:
     """Return the part of a servo's constant force that `shift_rest` added [N·m divided by the gear].
 
     The remaining force defines the zero of the control's unit. None if effects added no force; then the control of a
@@ -249,7 +253,7 @@ def rest_shift(model: mujoco.MjModel, joint: str) -> float | None:
     return None if number < 0 else float(model.numeric_data[model.numeric_adr[number]])
 
 
-def torque_limits(actuator: mujoco.MjsActuator) -> tuple[float, float] | None:
+def read_force_range(actuator: mujoco.MjsActuator) -> tuple[float, float] | None:
     """Return the lowest and highest force of an actuator; None without limits."""
     limited = actuator.forcelimited == mujoco.mjtLimited.mjLIMITED_TRUE or (
         actuator.forcelimited == mujoco.mjtLimited.mjLIMITED_AUTO and bool(np.any(actuator.forcerange))
@@ -264,8 +268,8 @@ def limit_torque(joint: mujoco.MjsJoint, low: float, high: float) -> None:
     joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_TRUE, [low, high]
 
 
-def actuators_of(spec: mujoco.MjSpec, joint: str | None) -> Iterable[mujoco.MjsActuator]:
+def find_actuators(spec: mujoco.MjSpec, joint: str | None) -> Iterable[mujoco.MjsActuator]:
     """Return the actuator of a joint; all actuators that drive joints if it is None."""
     if joint is not None:
-        return [joint_actuator(spec, joint)]
-    return [actuator for actuator in spec.actuators if driven_joint(spec, actuator) is not None]
+        return [find_joint_actuator(spec, joint)]
+    return [actuator for actuator in spec.actuators if find_driven_joint(spec, actuator) is not None]

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from nas_data.environment_ids import environment_id
+from nas_data.environment_ids import make_environment_id
 from nas_data.envs.base import SOURCE, Task, find_task, find_task_file
 from nas_data.errors import OptionError
 from nas_data.simulators.base import Simulator, Stepper
@@ -60,7 +60,7 @@ class DynamicsSpec:
             OptionError: the effects cannot be read.
             JointMismatch: the effects belong to another robot.
         """
-        return self.task.simulator(self.dynamics, self._named(), self.engine)
+        return self.task.simulator(self.dynamics, self._read_named_effects(), self.engine)
 
     def stepper(self, size: int) -> Stepper:
         """Return B simulations.
@@ -72,7 +72,7 @@ class DynamicsSpec:
             JointMismatch: the effects or the checkpoint belong to another robot.
         """
         if self.randomised:
-            return self._randomised(size)
+            return self._make_randomised_stepper(size)
         simulator = self.simulator()
         if self.checkpoint is None:
             return simulator.stepper(size)
@@ -89,9 +89,9 @@ class DynamicsSpec:
             OptionError: the effects cannot be read.
             CheckpointError: there is no such checkpoint.
         """
-        named = self._named()
+        named = self._read_named_effects()
         described: dict[str, object] = {
-            "environment": environment_id(find_task_file(self.environment)),
+            "environment": make_environment_id(find_task_file(self.environment)),
             "dynamics": self.dynamics,
             "simulator": self.simulator().describe(),  # the effects' content is in here
             "model": self._describe_model(),
@@ -108,7 +108,7 @@ class DynamicsSpec:
 
         `code_hash` follows no imports inside the functions of this module, so the modules of each option are listed.
         """
-        named = self._named()
+        named = self._read_named_effects()
         effects = (*self.task.effects(self.dynamics), *(() if named is None else named.effects))
         return (
             __name__,
@@ -125,18 +125,18 @@ class DynamicsSpec:
         """Check the specification before a long run; raises like `stepper`."""
         self.stepper(1)
 
-    def _randomised(self, size: int) -> Stepper:
+    def _make_randomised_stepper(self, size: int) -> Stepper:
         """Return B simulations of the plain physics with parameters drawn for each episode."""
-        from nas_data.envs.loop.randomised import RandomisedStepper, delay_line
+        from nas_data.envs.loop.randomised import RandomisedStepper, make_delay_line
         from nas_data.simulators.mujoco import MujocoSimulator
 
         if self.checkpoint or self.effects or self.engine != "mujoco":
             raise OptionError("Only the plain physics in MuJoCo is randomised: without checkpoint and named effects.")
         robot, effects = self.task.body(self.dynamics)
-        simulator = MujocoSimulator(robot, self.task.period, self.task.joints, (*effects, delay_line()))
+        simulator = MujocoSimulator(robot, self.task.period, self.task.joints, (*effects, make_delay_line()))
         return RandomisedStepper(simulator.stepper(size))
 
-    def _named(self) -> "Named | None":
+    def _read_named_effects(self) -> "Named | None":
         if self.effects is None:
             return None
         from nas_data.gap.named import Named
@@ -149,8 +149,8 @@ class DynamicsSpec:
     def _describe_model(self) -> dict[str, object] | None:
         if self.checkpoint is None:
             return None
-        from nas_data.envs.loop.learned import checkpoint_sha256
+        from nas_data.envs.loop.learned import hash_checkpoint
         from nas_data.models.checkpoint import find_checkpoint, load_frozen
 
         folder = Path(self.checkpoint)
-        return {"kind": load_frozen(find_checkpoint(folder)).kind, "sha256": checkpoint_sha256(folder)}
+        return {"kind": load_frozen(find_checkpoint(folder)).kind, "sha256": hash_checkpoint(folder)}

@@ -70,7 +70,7 @@ def check_source(folder: Path, model: DynamicsModel, simulator: Simulator) -> No
         return
     effects = read_effects(folder / EFFECTS) if (folder / EFFECTS).is_file() else ()
     kept = load_simulator(folder / MODEL, simulator.period, simulator.joints, effects, engine)
-    if (apart := distance(kept, simulator)) > SAME_SOURCE:
+    if (apart := measure_rollout_difference(kept, simulator)) > SAME_SOURCE:
         raise CheckpointError(
             f"The checkpoint {folder} corrects another source than this environment's: under the same commands they "
             f"are up to {apart:.2g} rad apart after {PROBED} steps. {REMEDY}"
@@ -88,7 +88,7 @@ def check_record(folder: Path, record: Mapping[str, object], ours: Mapping[str, 
         )
 
 
-def distance(one: Simulator, other: Simulator) -> float:
+def measure_rollout_difference(one: Simulator, other: Simulator) -> float:
     """Return the largest joint difference [rad] of two simulators in rollouts from the same states."""
     n = len(other.joints)
     rng = np.random.default_rng(0)
@@ -99,7 +99,7 @@ def distance(one: Simulator, other: Simulator) -> float:
     return float(apart[..., :n].max())
 
 
-def checkpoint_sha256(folder: Path) -> str:
+def hash_checkpoint(folder: Path) -> str:
     """Return a hash of a checkpoint's configuration and weights."""
     names = (checkpoints.CONFIG, checkpoints.WEIGHTS)
     return hashlib.sha256(

@@ -8,9 +8,9 @@ import numpy as np
 from nas_data.dataset.features import EFFORT
 from nas_data.effects.command_delay import CommandDelay
 from nas_data.envs.loop.ranges import RANGES, Factors, Ranges
-from nas_data.mjcf.actuator_lookup import BAND, GOAL, goal_joints, servo_actuators
+from nas_data.mjcf.actuator_lookup import BAND, GOAL, find_goal_joints, find_servo_actuators
 from nas_data.simulators.base import Stepper
-from nas_data.simulators.controls import command_range, find_command, length_feedback
+from nas_data.simulators.controls import command_range, find_command, read_length_feedback
 from nas_data.simulators.mujoco import MujocoStepper
 
 FIELDS = (
@@ -26,7 +26,7 @@ FIELDS = (
 )
 
 
-def delay_line(ranges: Ranges = RANGES) -> CommandDelay:
+def make_delay_line(ranges: Ranges = RANGES) -> CommandDelay:
     """Return the effect that adds buffers for the longest delay to a model's actuators."""
     return CommandDelay(delay=ranges.delay[1])
 
@@ -38,7 +38,7 @@ class RandomisedStepper(Stepper):
         """Give every simulation its own parameters.
 
         Args:
-            stepper: Batch of B simulations of a model with `delay_line`.
+            stepper: Batch of B simulations of a model with `make_delay_line`.
             ranges: Limits of the draws.
         """
         self.stepper, self.ranges = stepper, ranges
@@ -46,9 +46,9 @@ class RandomisedStepper(Stepper):
         self.model = stepper.simulator.model
         self.fields = {name: stepper.batch.expand(name) for name in FIELDS}
         self._driven = stepper.layout.dof
-        self._goal_dof = self.model.jnt_dofadr[goal_joints(self.model)]
-        self._control, self._bands = controls_of(self.model, self.joints)
-        self._torque = np.array([largest_torque(self.model, joint) for joint in self.joints])
+        self._goal_dof = self.model.jnt_dofadr[find_goal_joints(self.model)]
+        self._control, self._bands = find_controls(self.model, self.joints)
+        self._torque = np.array([compute_largest_torque(self.model, joint) for joint in self.joints])
 
     def redraw(self, rngs: Sequence[np.random.Generator], rows: np.ndarray | None = None) -> None:
         """Draw the models of new episodes; see `RandomizedStepper`."""
@@ -109,17 +109,17 @@ class RandomisedStepper(Stepper):
         return self.stepper.site_positions(name)
 
 
-def controls_of(model: mujoco.MjModel, joints: Sequence[str]) -> tuple[np.ndarray, list[int]]:
+def find_controls(model: mujoco.MjModel, joints: Sequence[str]) -> tuple[np.ndarray, list[int]]:
     """Return the control that each actuator belongs to, -1 for none, and the dead bands in the order of their goals."""
     controls = np.where(model.actuator_ctrlnum > 0, model.actuator_ctrladr, -1)
     for joint in joints:
-        servo = servo_actuators(model, model.joint(joint).id)
+        servo = find_servo_actuators(model, model.joint(joint).id)
         controls[servo] = model.actuator_ctrladr[servo[0]]
-    goals = [model.joint(joint).name for joint in goal_joints(model)]
+    goals = [model.joint(joint).name for joint in find_goal_joints(model)]
     return controls, [model.actuator(name.removesuffix(GOAL) + BAND).id for name in goals]
 
 
-def largest_torque(model: mujoco.MjModel, joint: str) -> float:
+def compute_largest_torque(model: mujoco.MjModel, joint: str) -> float:
     """Return the largest torque of a joint's actuator [N·m]: its force limit, or gain times largest control."""
     index = model.joint(joint).id
     if model.jnt_actfrclimited[index]:  # also where a dead band moved the servo's limit to
@@ -129,4 +129,4 @@ def largest_torque(model: mujoco.MjModel, joint: str) -> float:
     if model.actuator_forcelimited[actuator]:
         return float(np.abs(model.actuator_forcerange[actuator]).max()) * gear
     most = float(np.abs(command_range(model, actuator, control)).max())
-    return most if control.kind == EFFORT else most * length_feedback(model, actuator) * gear**2
+    return most if control.kind == EFFORT else most * read_length_feedback(model, actuator) * gear**2

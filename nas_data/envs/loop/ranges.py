@@ -69,10 +69,10 @@ class Ranges:
         """
         return Factors(
             mass=rng.uniform(*self.mass, model.nbody),
-            damping=evenly_in_logarithm(rng, self.damping, model.nv),
-            friction=evenly_in_logarithm(rng, self.friction, model.nv),
+            damping=draw_log_uniform(rng, self.damping, model.nv),
+            friction=draw_log_uniform(rng, self.friction, model.nv),
             armature=rng.uniform(*self.armature, model.nv),
-            gain=evenly_in_logarithm(rng, self.gain, model.nu),
+            gain=draw_log_uniform(rng, self.gain, model.nu),
             drag=rng.uniform(*self.drag, joints),
             delay=float(rng.uniform(*self.delay)),
         )
@@ -82,7 +82,7 @@ class Ranges:
         return {name: list(limits) for name, limits in asdict(self).items()}
 
 
-def evenly_in_logarithm(rng: np.random.Generator, limits: Range, count: int) -> np.ndarray:
+def draw_log_uniform(rng: np.random.Generator, limits: Range, count: int) -> np.ndarray:
     """Draw log-uniform numbers between limits, shape (count,)."""
     low, high = limits
     return np.exp(rng.uniform(np.log(low), np.log(high), count))

@@ -96,7 +96,7 @@ class TaskBatch:
         verdict = self.task.judge(self.stepper, self._goals, actions)
         self.least = min(self.least, float(verdict.reward[~self.lost].min(initial=np.inf)))
         if self.lost.any():
-            verdict = self._without_lost(verdict)
+            verdict = self._terminate_lost_rows(verdict)
         return verdict, (self.elapsed >= self.task.horizon) & ~verdict.terminated
 
     def _check(self, actions: np.ndarray) -> None:
@@ -109,7 +109,7 @@ class TaskBatch:
             row, place = (int(index) for index in wrong[0])
             raise OptionError(f"Number {place} of the action is {actions[row, place]}; finite numbers are needed.")
 
-    def _without_lost(self, verdict: Verdict) -> Verdict:
+    def _terminate_lost_rows(self, verdict: Verdict) -> Verdict:
         """Return a verdict in which the rows that left all bounds have ended badly."""
         if not np.isfinite(self.least):
             raise SimulationDiverged(

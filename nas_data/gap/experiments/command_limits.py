@@ -8,7 +8,7 @@ import numpy as np
 
 from nas_data.excitations.base import Excitation
 from nas_data.gap.nominal import Nominal
-from nas_data.simulators.limits import command_limits, command_radians, excitable_limits
+from nas_data.simulators.limits import command_limits, command_radians, find_excitable_limits
 
 SPEED = 0.5  # [rad/s or N·m/s] of a slow approach
 SHORTEST = 1.0  # [s] smallest duration of a slow approach, in which the arm settles in its rest pose
@@ -43,7 +43,7 @@ class CommandRange:
         """
         simulator, joints = nominal.simulator(), nominal.joints
         low, high = command_limits(simulator.model, joints, str(nominal.robot.mjcf))
-        low, high = excitable_limits(low, high, joints, simulator.kinds, simulator.slides)
+        low, high = find_excitable_limits(low, high, joints, simulator.kinds, simulator.slides)
         pose = find_rest_pose(nominal)
         home = np.where(simulator.layout.inputs.positional, pose, 0.0)
         return cls(nominal.period, pose, np.clip(home, low, high), low, high, command_radians(simulator, low, high))

@@ -84,7 +84,9 @@ def compute_separations(
         fit(task.select([episode]), parameters, start, {c: rows[[episode]] for c, rows in known.items()}, STEPS, 0)
         for episode in range(len(evidence))
     ]
-    squares = np.concatenate([mean_squares(task.select([episode]), found) for episode, found in enumerate(followed)])
+    squares = np.concatenate(
+        [compute_mean_squares(task.select([episode]), found) for episode, found in enumerate(followed)]
+    )
     counted = np.isin(nominal.joints, list(concerned))
     return np.asarray(np.where(counted, np.sqrt(squares) / floor, 0.0))
 
@@ -96,7 +98,7 @@ def is_concerned(parameters: FreeParameters, column: int, concerned: Sequence[st
     return any(effect.joint is None or effect.joint in concerned for effect in parameters.effects_of(column))
 
 
-def mean_squares(task: FitTask, found: Fit | None) -> np.ndarray:
+def compute_mean_squares(task: FitTask, found: Fit | None) -> np.ndarray:
     """Return the mean squared errors of a fit [rad²; m²], shape (1, n); 0 without a fit."""
     return task.evidence.mean_squares(found.predicted) if found else np.zeros((1, len(task.floor)))
 

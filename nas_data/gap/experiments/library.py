@@ -39,7 +39,7 @@ class ExperimentDesign:
     commands: np.ndarray
 
 
-def small_reversals(room: CommandRange, moving: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def draw_small_reversals(room: CommandRange, moving: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Draw small triangle waves in several postures, which load the joints differently."""
     turns = room.period * np.arange(room.steps(REVERSALS)) / REVERSAL
     swing = (2 / np.pi * np.arcsin(np.sin(2 * np.pi * turns)))[:, None] * SMALL * room.span * moving
@@ -50,7 +50,7 @@ def small_reversals(room: CommandRange, moving: np.ndarray, rng: np.random.Gener
     return np.concatenate(parts)
 
 
-def hold_grid(room: CommandRange, moving: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def draw_hold_grid(room: CommandRange, moving: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Draw levels over the range, held and approached slowly from both sides."""
     here, parts = room.home, []
     for level in LEVELS:
@@ -67,11 +67,11 @@ KINDS: Mapping[str, Draw] = {
     "slow triangle": lambda room, moving, rng: room.draw_excitation(
         Triangle(speed=0.4, share=0.5), SECONDS, moving, rng
     ),
-    "small reversals around several postures": small_reversals,
+    "small reversals around several postures": draw_small_reversals,
     STEPS: lambda room, moving, rng: room.draw_excitation(Steps(seconds=1.5, share=0.6), SECONDS, moving, rng),
     "chirp": lambda room, moving, rng: room.draw_excitation(Chirp(share=0.15, fastest=4.0), SECONDS, moving, rng),
     "fast steps": lambda room, moving, rng: room.draw_excitation(Steps(seconds=0.3, share=0.4), SECONDS, moving, rng),
-    "hold grid": hold_grid,
+    "hold grid": draw_hold_grid,
 }
 
 

@@ -9,13 +9,13 @@ from pathlib import Path
 import mujoco
 
 from nas_data.effects.base import Effect, Parameter, add_effects, make_effect
-from nas_data.effects.edits.servo import damping, is_velocity_servo, stiffness, torque_limit
+from nas_data.effects.edits.servo import is_velocity_servo, read_servo_damping, read_servo_stiffness, read_torque_limit
 from nas_data.errors import OptionError
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.report import REPORT
 from nas_data.gap.report_parts import FittedEffect
 from nas_data.gap.write_model import EFFECTS
-from nas_data.joint_units import unit_at
+from nas_data.joint_units import convert_hinge_unit
 from nas_data.typed_json import from_json
 
 ROUNDING = 1e-9  # relative difference up to which values are equal
@@ -76,11 +76,11 @@ def list_quantities(
     for joint in (*nominal.joints, None):
         own = [effect for effect in effects if effect.joint == joint]
         if joint is not None:
-            found += _of_joint(spec, joint, own, intervals, joint in nominal.slides)
+            found += _list_joint_quantities(spec, joint, own, intervals, joint in nominal.slides)
             mass = sum(float(spec.body(name).mass) for name in moved.get(joint, ()))
             found += [Quantity(joint, "mass", UNITS["mass"], mass, None)] if mass else []
         for effect in own:
-            found += _of_effect(spec, effect, intervals, joint in nominal.slides)
+            found += _list_effect_quantities(spec, effect, intervals, joint in nominal.slides)
     return found
 
 
@@ -121,35 +121,35 @@ def read_intervals(path: Path, effects: Sequence[Effect]) -> Intervals:
     }
 
 
-def _numbers(spec: mujoco.MjSpec, joint: str, effects: Sequence[Effect]) -> dict[str, float]:
+def _read_quantities(spec: mujoco.MjSpec, joint: str, effects: Sequence[Effect]) -> dict[str, float]:
     """Return the quantities of a joint with some effects."""
     edited = spec.copy()
     add_effects(edited, effects)
-    element, feedback = edited.joint(joint), max(damping(edited, joint), 0.0)
+    element, feedback = edited.joint(joint), max(read_servo_damping(edited, joint), 0.0)
     speeds_only = is_velocity_servo(edited, joint)
     return {
-        "gain": max(stiffness(edited, joint), 0.0),
+        "gain": max(read_servo_stiffness(edited, joint), 0.0),
         "servo_damping": 0.0 if speeds_only else feedback,
         "velocity_gain": feedback if speeds_only else 0.0,
         "armature": float(element.armature),
         "dry_friction": float(element.frictionloss),
         "viscous_friction": float(element.damping[0]),
-        "torque_limit": torque_limit(edited, joint),
+        "torque_limit": read_torque_limit(edited, joint),
     }
 
 
-def _of_joint(
+def _list_joint_quantities(
     spec: mujoco.MjSpec, joint: str, effects: Sequence[Effect], intervals: Intervals, slide: bool
 ) -> list[Quantity]:
     """Return the quantities `UNITS` of a joint, without zero and infinite ones."""
-    value = _numbers(spec, joint, effects)
+    value = _read_quantities(spec, joint, effects)
     low, high, known = dict(value), dict(value), set()
     for place, effect in enumerate(effects):
         for parameter in effect.free_parameters:
             ends = intervals.get((effect.name(), joint, parameter.name))
             if ends is None:
                 continue
-            moved = [_numbers(spec, joint, _with(effects, place, parameter, end)) for end in ends]
+            moved = [_read_quantities(spec, joint, _with(effects, place, parameter, end)) for end in ends]
             for name, number in value.items():
                 off = [other[name] - number for other in moved if math.isfinite(other[name]) and math.isfinite(number)]
                 if any(off):
@@ -157,24 +157,30 @@ def _of_joint(
                     low[name] += min(0.0, *off)
                     high[name] += max(0.0, *off)
     return [
-        Quantity(joint, name, unit_at(unit, slide), value[name], (low[name], high[name]) if name in known else None)
+        Quantity(
+            joint,
+            name,
+            convert_hinge_unit(unit, slide),
+            value[name],
+            (low[name], high[name]) if name in known else None,
+        )
         for name, unit in UNITS.items()
         if 0 < value.get(name, 0.0) < math.inf
     ]
 
 
-def _of_effect(spec: mujoco.MjSpec, effect: Effect, intervals: Intervals, slide: bool) -> list[Quantity]:
+def _list_effect_quantities(spec: mujoco.MjSpec, effect: Effect, intervals: Intervals, slide: bool) -> list[Quantity]:
     """Return an effect's parameters; empty for a single parameter that a quantity of the joint includes."""
     several = len(effect.free_parameters) > 1
     if effect.joint is not None and not several:
-        before, after = (_numbers(spec, effect.joint, effects).values() for effects in ([], [effect]))
+        before, after = (_read_quantities(spec, effect.joint, effects).values() for effects in ([], [effect]))
         if not all(math.isclose(*pair, rel_tol=ROUNDING) for pair in zip(before, after, strict=True)):
             return []
     return [
         Quantity(
             effect.joint,
             f"{effect.name()}.{parameter.name}" if several else effect.name(),
-            unit_at(parameter.unit, slide),
+            convert_hinge_unit(parameter.unit, slide),
             float(getattr(effect, parameter.name)),
             intervals.get((effect.name(), effect.joint, parameter.name)),
         )

@@ -8,7 +8,7 @@ import numpy as np
 from nas_data.gap.finding.loads import Loads
 from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.nominal import Nominal
-from nas_data.simulators.layout import joint_index
+from nas_data.simulators.layout import find_joint_index
 
 AFTER = 0.2  # [s] after a reversal
 NEAR = 0.05  # share of a joint's range near each limit
@@ -56,7 +56,7 @@ def list_conditions(setting: ConditionInputs) -> tuple[Condition, ...]:
     return tuple(Condition(c.name, c.bins, np.where(counts, c.labels, -1), c.whole_episodes) for c in found)
 
 
-def speed(setting: ConditionInputs) -> Condition:
+def bin_by_speed(setting: ConditionInputs) -> Condition:
     """Divide rows into rest and terciles of speed."""
     moving = setting.recorded.moving(setting.floor)
     thirds = divide_into_thirds(np.abs(setting.recorded.motion), moving)
@@ -65,7 +65,7 @@ def speed(setting: ConditionInputs) -> Condition:
     )
 
 
-def reversal(setting: ConditionInputs) -> Condition:
+def bin_by_reversal(setting: ConditionInputs) -> Condition:
     """Divide rows by whether the direction of motion changed shortly before."""
     sign = find_last_direction(setting)
     turned = np.zeros(sign.shape, bool)
@@ -76,20 +76,20 @@ def reversal(setting: ConditionInputs) -> Condition:
     return Condition("reversal", ("other times", "after a reversal"), np.where(sign == 0, -1, total > earlier))
 
 
-def direction(setting: ConditionInputs) -> Condition:
+def bin_by_direction(setting: ConditionInputs) -> Condition:
     """Divide rows in motion by sign."""
     moving = setting.recorded.moving(setting.floor)
     return Condition("direction", ("negative", "positive"), np.where(moving, setting.recorded.motion > 0, -1))
 
 
-def load(setting: ConditionInputs) -> Condition:
+def bin_by_load(setting: ConditionInputs) -> Condition:
     """Divide rows by the torque of the posture; joints without gravity loads are in no bin."""
     size = np.abs(setting.loads.posture)
     labels = divide_into_thirds(size, setting.recorded.evidence.mask[..., None], SMALLEST_LOAD)
     return Condition("load", ("light", "medium", "heavy"), labels)
 
 
-def command_size(setting: ConditionInputs) -> Condition:
+def bin_by_command_size(setting: ConditionInputs) -> Condition:
     """Divide rows by position error of the servo, or by the size of other commands."""
     evidence = setting.recorded.evidence
     positional = setting.nominal.simulator().layout.inputs.positional
@@ -97,13 +97,13 @@ def command_size(setting: ConditionInputs) -> Condition:
     return Condition("command size", ("small", "medium", "large"), divide_into_thirds(size, evidence.mask[..., None]))
 
 
-def saturation(setting: ConditionInputs) -> Condition:
+def bin_by_saturation(setting: ConditionInputs) -> Condition:
     """Divide rows by whether the model's servo is at its torque limit."""
     labels = np.where(setting.loads.limited, setting.loads.saturated, -1)
     return Condition("saturation", ("below the limit", "at the limit"), labels)
 
 
-def recording_time(setting: ConditionInputs) -> Condition:
+def bin_by_recording_time(setting: ConditionInputs) -> Condition:
     """Divide episodes by their order in the recording, to show drift."""
     episodes, steps, n = setting.recorded.positions.shape
     third = np.arange(episodes) * 3 // max(episodes, 3)
@@ -111,12 +111,12 @@ def recording_time(setting: ConditionInputs) -> Condition:
     return Condition("recording time", ("first third", "middle", "last third"), labels, whole_episodes=True)
 
 
-def joint_limits(setting: ConditionInputs) -> Condition:
+def bin_by_joint_limits(setting: ConditionInputs) -> Condition:
     """Divide rows by whether the joint is near the end of its range."""
     model = setting.nominal.simulator().model
     labels = np.full(setting.recorded.positions.shape, -1)
     for column, name in enumerate(setting.nominal.joints):
-        joint = joint_index(model, name, name)
+        joint = find_joint_index(model, name, name)
         if model.jnt_limited[joint]:
             low, high = model.jnt_range[joint]
             room = np.minimum(
@@ -127,8 +127,15 @@ def joint_limits(setting: ConditionInputs) -> Condition:
 
 
 CONDITIONS: tuple[Callable[[ConditionInputs], Condition], ...] = (
-    speed, reversal, direction, load, command_size, saturation, recording_time, joint_limits,
-)  # fmt: skip
+    bin_by_speed,
+    bin_by_reversal,
+    bin_by_direction,
+    bin_by_load,
+    bin_by_command_size,
+    bin_by_saturation,
+    bin_by_recording_time,
+    bin_by_joint_limits,
+)
 
 
 def divide_into_thirds(sizes: np.ndarray, chosen: np.ndarray, apart: float = 1e-9) -> np.ndarray:

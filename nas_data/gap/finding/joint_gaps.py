@@ -7,7 +7,7 @@ from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.finding.repeatability import measure_repeatability
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.report_parts import JointGap
-from nas_data.joint_units import joint_unit
+from nas_data.joint_units import find_joint_unit
 
 
 def find_joint_gaps(
@@ -39,7 +39,7 @@ def find_joint_gaps(
             open_loop_command=None if commands is None else float(commands[place]),
             ratio_to_noise=float(open_loop[place] / floor[place]),
             repeatability=None if repeats is None else float(repeats[place]),
-            unit=joint_unit(joint, nominal.slides).si,
+            unit=find_joint_unit(joint, nominal.slides).si,
         )
         for place, joint in enumerate(evidence.joints)
     }

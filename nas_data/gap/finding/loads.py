@@ -7,7 +7,7 @@ import numpy as np
 
 from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.nominal import Nominal
-from nas_data.simulators.layout import FULLPHYSICS, actuator_index, joint_index
+from nas_data.simulators.layout import FULLPHYSICS, find_actuator_index, find_joint_index
 from nas_data.simulators.mujoco import MujocoSimulator
 
 AT_LIMIT = 1 - 1e-6  # share of the limit above which a servo is saturated
@@ -71,8 +71,8 @@ def read_torque_limits(simulator: MujocoSimulator) -> tuple[np.ndarray, np.ndarr
     model = simulator.model
     low, high = np.full(len(simulator.joints), -np.inf), np.full(len(simulator.joints), np.inf)
     for row, name in enumerate(simulator.joints):
-        joint = joint_index(model, name, str(simulator.robot.mjcf))
-        actuator = actuator_index(model, joint, str(simulator.robot.mjcf))
+        joint = find_joint_index(model, name, str(simulator.robot.mjcf))
+        actuator = find_actuator_index(model, joint, str(simulator.robot.mjcf))
         ranges = []
         if model.actuator_forcelimited[actuator]:
             ranges.append(np.sort(model.actuator_forcerange[actuator] * model.actuator_gear[actuator, 0]))

@@ -84,7 +84,7 @@ def compare_within(
 ) -> float:
     """Return the p-value of a difference between two sets of rows (E, T) within episodes."""
     both = (here.sum(1) >= PRESENT) & (there.sum(1) >= PRESENT)
-    logs = [log_mean(squared[both], rows[both], floor) for rows in (here, there)]
+    logs = [compute_log_mean(squared[both], rows[both], floor) for rows in (here, there)]
     return compute_paired_chance(logs[0] - logs[1], rng)
 
 
@@ -92,10 +92,10 @@ def compare_between(
     squared: np.ndarray, here: np.ndarray, there: np.ndarray, floor: float, rng: np.random.Generator
 ) -> float:
     """Return the p-value of a difference between two sets of whole episodes."""
-    return compute_grouped_chance(log_mean(squared, here | there, floor), np.asarray(here.any(1)), rng)
+    return compute_grouped_chance(compute_log_mean(squared, here | there, floor), np.asarray(here.any(1)), rng)
 
 
-def log_mean(squared: np.ndarray, rows: np.ndarray, floor: float) -> np.ndarray:
+def compute_log_mean(squared: np.ndarray, rows: np.ndarray, floor: float) -> np.ndarray:
     """Return the log of each episode's mean squared error over some rows plus the squared floor, shape (E,).
 
     The logarithm limits the influence of a diverging episode; the floor hides differences below it.

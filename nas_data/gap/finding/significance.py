@@ -32,7 +32,7 @@ def compute_paired_chance(differences: np.ndarray, rng: np.random.Generator) -> 
         signs = 1 - 2 * (np.arange(2**count)[:, None] >> np.arange(count) & 1)
     else:
         signs = rng.choice((-1, 1), (DRAWN, count))
-    return _chance(signs @ differences, float(differences.sum()), exact)
+    return _compute_p_value(signs @ differences, float(differences.sum()), exact)
 
 
 def compute_grouped_chance(values: np.ndarray, chosen: np.ndarray, rng: np.random.Generator) -> float:
@@ -53,10 +53,10 @@ def compute_grouped_chance(values: np.ndarray, chosen: np.ndarray, rng: np.rando
     else:
         order = rng.random((DRAWN, count)).argsort(axis=1)[:, :size]
         sums = centred[order].sum(axis=1)
-    return _chance(sums, float(centred[chosen].sum()), exact)
+    return _compute_p_value(sums, float(centred[chosen].sum()), exact)
 
 
-def _chance(sums: np.ndarray, found: float, exact: bool) -> float:
+def _compute_p_value(sums: np.ndarray, found: float, exact: bool) -> float:
     """Return the share of permutations with a sum at least as large in size, including the observed one."""
     as_large = int((np.abs(sums) >= abs(found) * (1 - SLACK)).sum())
     return as_large / len(sums) if exact else (1 + as_large) / (1 + len(sums))

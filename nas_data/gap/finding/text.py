@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from nas_data.gap.report_parts import Bin, Check, JointGap
-from nas_data.joint_units import SLIDE, JointUnit, display_unit, table_unit
+from nas_data.joint_units import SLIDE, JointUnit, find_display_unit, format_table_unit
 
 SHOWN = 3  # most regimes per joint
 LARGER = 1.2  # ratio of errors inside over outside a bin above which it is shown
@@ -41,7 +41,7 @@ def format_joint_table(joints: Mapping[str, JointGap]) -> str:
     slides = [joint for joint, gap in joints.items() if gap.unit == SLIDE.si]
     used = {head: key for head, key in COLUMNS.items() if any(getattr(gap, key) is not None for gap in joints.values())}
     lines = [
-        f"Gap: RMSE of positions [{table_unit(list(joints), slides)}]",
+        f"Gap: RMSE of positions [{format_table_unit(list(joints), slides)}]",
         f"  {'':<{width}}" + "".join(f"{head:>11}" for head in used) + "  open loop / noise",
     ]
     for joint, gap in joints.items():
@@ -52,7 +52,7 @@ def format_joint_table(joints: Mapping[str, JointGap]) -> str:
 
 def format_cell(value: float | None, unit: str) -> str:
     """Return a position in display units, a dash without a value."""
-    return "–" if value is None else f"{display_unit(unit).factor * value:.3f}"
+    return "–" if value is None else f"{find_display_unit(unit).factor * value:.3f}"
 
 
 def format_regimes(joints: Mapping[str, JointGap], regimes: Sequence[Bin]) -> str:
@@ -62,7 +62,7 @@ def format_regimes(joints: Mapping[str, JointGap], regimes: Sequence[Bin]) -> st
         bins = [measured for measured in regimes if measured.joint == joint]
         worst = [b for b in bins if b.significant and b.rmse > LARGER * b.rest]
         worst = sorted(worst, key=lambda measured: -measured.rmse / max(measured.rest, 1e-9))[:SHOWN]
-        unit = display_unit(gap.unit)
+        unit = find_display_unit(gap.unit)
         said = [describe_bin(measured, unit) for measured in worst] + describe_direction_errors(bins, gap.floor, unit)
         if said and gap.ratio_to_noise > VISIBLE:
             lines.append(f"  {joint}  " + "; ".join(said))

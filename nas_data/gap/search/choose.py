@@ -171,7 +171,7 @@ def refine(search: Search, h: Hypothesis, without: Container[str]) -> Hypothesis
     comparison allows. Effects that compensated half-way are dropped at its end. This is skipped for many effects, where
     each fit takes minutes.
     """
-    while 0 < len(h.effects) <= drop.MANY and line_scan.unexplained_joints(search, h):
+    while 0 < len(h.effects) <= drop.MANY and line_scan.find_unexplained_joints(search, h):
         before = search.null.score.over(h.score)
         h = search.relinearise(line_scan.apply(search, h))
         better = restart.apply(search, h)
@@ -193,7 +193,7 @@ def is_stuck(search: Search, h: Hypothesis, gained_before: float) -> bool:
     The missing effect is then not in the catalogue, or the search has passed it. More effects would only overfit.
     """
     gained = search.null.score.over(h.score)
-    lost = set(line_scan.unexplained_joints(search, h)) == search.excited
+    lost = set(line_scan.find_unexplained_joints(search, h)) == search.excited
     return lost and gained - gained_before < LITTLE * gained
 
 

@@ -8,11 +8,11 @@ import numpy as np
 
 from nas_data.effects.base import Effect, Parameter
 from nas_data.gap.nominal_parameters import TOLERANCE, read_own_amount
-from nas_data.gap.search.fit import Fit, fit, measure_jacobian, normal_equations
+from nas_data.gap.search.fit import Fit, build_normal_equations, fit, measure_jacobian
 from nas_data.gap.search.hypothesis import Description, reuse_jacobian
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters
-from nas_data.joint_units import unit_at
+from nas_data.joint_units import convert_hinge_unit
 
 ROUNDS = 2  # most fits, each with the timestep correction computed at the result of the last
 SETTLED = 0.02  # largest change of θ, 2 % of a parameter, after which the correction is not computed again
@@ -112,7 +112,7 @@ def compare_halves(task: FitTask, found: Fit) -> dict[str, bool]:
     prior = found.parameters.prior_weights(found.theta) ** 2
     for half in (episodes[::2], episodes[1::2]):
         part = task.select(half)
-        hessian, gradient = normal_equations(part, found.predicted[half], found.jacobian[:, half])
+        hessian, gradient = build_normal_equations(part, found.predicted[half], found.jacobian[:, half])
         inverse = np.linalg.pinv(hessian + np.diag(prior) + 1e-9 * np.eye(len(prior)))
         moved.append(-inverse @ (gradient + prior * found.theta))
         spread.append(np.clip(np.diag(inverse), 0, None))
@@ -139,7 +139,7 @@ def find_at_bound(found: Fit) -> frozenset[str]:
 
 def compute_conditioning(task: FitTask, found: Fit) -> float:
     """Return the condition number of the normal equations with prior, scaled to a unit diagonal."""
-    hessian, _ = normal_equations(task, found.predicted, found.jacobian)
+    hessian, _ = build_normal_equations(task, found.predicted, found.jacobian)
     hessian = hessian + np.diag(found.parameters.prior_weights(found.theta) ** 2)
     scale = 1 / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
     return float(np.linalg.cond(hessian * scale[:, None] * scale[None])) if len(hessian) else 1.0
@@ -158,7 +158,7 @@ def compute_intervals(task: FitTask, found: Fit) -> tuple[Mapping[str, tuple[flo
         form_deviation = FORM_DEVIATION * abs(float(number) if free.signed else 1.0)
         half_width = NORMAL95 * float(np.hypot(width, form_deviation))
         for place in free.effect_indices:
-            shared_half_width = NORMAL95 * TOLERANCE * shared_amount(task, found.effects[place], free.parameter)
+            shared_half_width = NORMAL95 * TOLERANCE * read_existing_amount(task, found.effects[place], free.parameter)
             ends = [free.value(float(number) + sign * half_width) + sign * shared_half_width for sign in (-1, 1)]
             result[place][free.parameter.name] = (min(ends), max(ends))
     return tuple(result)
@@ -182,7 +182,7 @@ def compute_deviations(task: FitTask, found: Fit) -> tuple[np.ndarray, np.ndarra
     return np.sqrt(np.clip(np.diag(inverse), 0.0, None)), by_episode
 
 
-def shared_amount(task: FitTask, effect: Effect, parameter: Parameter) -> float:
+def read_existing_amount(task: FitTask, effect: Effect, parameter: Parameter) -> float:
     """Return what the model already has of the quantity that an effect's first parameter adds to [its unit]."""
     if not effect.replaces or effect.joint is None or parameter is not effect.parameters[0]:
         return 0.0
@@ -212,6 +212,10 @@ def list_parameters(
     def entry(parameter: Parameter) -> dict[str, object]:
         value = float(getattr(effect, parameter.name))
         low, high = interval.get(parameter.name, (value, value))
-        return {"value": value, "unit": unit_at(parameter.unit, effect.joint in slides), "interval95": [low, high]}
+        return {
+            "value": value,
+            "unit": convert_hinge_unit(parameter.unit, effect.joint in slides),
+            "interval95": [low, high],
+        }
 
     return {parameter.name: entry(parameter) for parameter in effect.free_parameters}

@@ -8,7 +8,7 @@ import numpy as np
 from nas_data.effects.base import Effect
 from nas_data.gap.search.objective import FitTask, MovedJoints, Score
 from nas_data.gap.search.parameters import STEP, FreeParameters, Label
-from nas_data.gap.side_by_side import side_by_side
+from nas_data.gap.side_by_side import map_in_parallel
 
 DAMPING = (0.0, 0.003, 0.01, 0.03, 0.1, 1.0, 10.0)  # Levenberg-Marquardt damping, tried in this order
 CONVERGED = 1e-3  # [nats per observation] expected gain below which a fit has converged
@@ -52,7 +52,7 @@ class Fit:
     @property
     def loss(self) -> Score:
         """Misfit and prior."""
-        return Score(self.misfit + prior_penalty(self.parameters, self.theta), self.objective)
+        return Score(self.misfit + compute_prior_penalty(self.parameters, self.theta), self.objective)
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -65,14 +65,16 @@ class Fit:
         return self.parameters.factors_at(self.theta)
 
 
-def prior_penalty(parameters: FreeParameters, theta: np.ndarray) -> float:
+def compute_prior_penalty(parameters: FreeParameters, theta: np.ndarray) -> float:
     """Return the prior's part of the loss, ½ Σ (θ / σ)² [nats]."""
     return float(0.5 * ((parameters.prior_weights(theta) * theta) ** 2).sum())
 
 
 def evaluate_loss(task: FitTask, parameters: FreeParameters, theta: np.ndarray) -> Score:
     """Return misfit and prior at θ; infinite if the model diverges."""
-    return Score(task.misfit(task.predict(parameters, theta)) + prior_penalty(parameters, theta), task.objective)
+    return Score(
+        task.misfit(task.predict(parameters, theta)) + compute_prior_penalty(parameters, theta), task.objective
+    )
 
 
 def measure_jacobian(
@@ -94,7 +96,7 @@ def measure_jacobian(
 
     place = {column: row for row, column in enumerate(columns)}
     jacobian = np.zeros((len(columns), *predicted.shape))
-    for group, change in zip(groups, side_by_side(difference, groups), strict=True):
+    for group, change in zip(groups, map_in_parallel(difference, groups), strict=True):
         for column in group:
             seen = slice(None) if len(group) == 1 else find_moved_joints(task, parameters, column)
             jacobian[place[column]][..., seen] = change[..., seen] / steps[column]
@@ -120,10 +122,10 @@ def find_moved_joints(task: FitTask, parameters: FreeParameters, column: int) ->
     label = parameters.labels[column]
     if not is_effect_or_freed(parameters, column):
         return task.moved_by_base.get(label[0])
-    return task.moved_by_joint.get(joint_of_label(label))
+    return task.moved_by_joint.get(find_label_joint(label))
 
 
-def joint_of_label(label: Label) -> str | None:
+def find_label_joint(label: Label) -> str | None:
     """Return the joint of a parameter; None for an effect of the whole arm."""
     return label[1] if len(label) > 1 else str(label[0]).rsplit(".", 1)[0]
 
@@ -187,7 +189,7 @@ def fit(
     every, known = range(parameters.size), known or {}
     again = [column for column in every if is_effect_or_freed(parameters, column)] or list(every)
     measured_always = [column for column in range(len(parameters.effect_parameters)) if column not in known]
-    loss = task.misfit(predicted) + prior_penalty(parameters, theta)
+    loss = task.misfit(predicted) + compute_prior_penalty(parameters, theta)
     jacobian = np.zeros((parameters.size, *predicted.shape))
     jacobian[list(known)] = [known[column] for column in known] if known else 0.0
     missing = [column for column in every if column not in known]
@@ -202,7 +204,7 @@ def fit(
         if found is not None:
             moved, other, better = found
             jacobian = jacobian + broyden_update(jacobian, moved - theta, other - predicted)
-            little = loss - better < smallest_gain(task)
+            little = loss - better < compute_convergence_tolerance(task)
             theta, predicted, loss = moved, other, better
         if little and (fresh or not jacobian_refreshes):
             break
@@ -213,7 +215,7 @@ def fit(
     return Fit(parameters, theta, predicted, task.misfit(predicted), jacobian, task.objective)
 
 
-def smallest_gain(task: FitTask) -> float:
+def compute_convergence_tolerance(task: FitTask) -> float:
     """Return the gain of the loss below which a fit has converged [nats]."""
     return CONVERGED * max(1.0, float(task.observations.sum()))
 
@@ -224,7 +226,7 @@ def broyden_update(jacobian: np.ndarray, change: np.ndarray, moved: np.ndarray) 
     return np.asarray(change[:, None, None, None] * missing[None] / max(float(change @ change), 1e-12))
 
 
-def normal_equations(task: FitTask, predicted: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def build_normal_equations(task: FitTask, predicted: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return Hessian JᵀWJ, shape (size, size), and gradient JᵀWe, shape (size,), of the weighted errors."""
     weights = task.weights(predicted) * task.evidence.mask[..., None]
     rows = (jacobian * weights).reshape(len(jacobian), -1)
@@ -242,8 +244,8 @@ def take_step(
 ) -> tuple[np.ndarray, np.ndarray, float] | None:
     """Return θ, positions and loss after a step that lowers the loss; None if no damping achieves or predicts that."""
     low, high = parameters.bounds()
-    hessian, gradient = normal_equations(task, predicted, jacobian)
-    before = prior_penalty(parameters, theta)
+    hessian, gradient = build_normal_equations(task, predicted, jacobian)
+    before = compute_prior_penalty(parameters, theta)
 
     def solve(prior: np.ndarray, damping: float) -> np.ndarray:
         return solve_bounded(hessian + np.diag(prior), gradient + prior * theta, damping, low - theta, high - theta)
@@ -255,12 +257,14 @@ def take_step(
         moved = np.clip(theta + change, low, high)
         change = moved - theta
         expected_gain = (
-            -float(gradient @ change + 0.5 * change @ hessian @ change) + before - prior_penalty(parameters, moved)
+            -float(gradient @ change + 0.5 * change @ hessian @ change)
+            + before
+            - compute_prior_penalty(parameters, moved)
         )
-        if expected_gain < smallest_gain(task):
+        if expected_gain < compute_convergence_tolerance(task):
             return None
         other = task.predict(parameters, moved)
-        better = task.misfit(other) + prior_penalty(parameters, moved)
+        better = task.misfit(other) + compute_prior_penalty(parameters, moved)
         if other is not None and better < loss:
             return moved, other, better
     return None

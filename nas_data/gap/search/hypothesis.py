@@ -71,10 +71,10 @@ class Description:
         counted = {
             effect.name() if effect.name() in self.shared else effect_key(effect): effect for effect in self.effects
         }
-        return PRICE * len(self.freed) + sum(effect_price(effect) for effect in counted.values())
+        return PRICE * len(self.freed) + sum(compute_effect_price(effect) for effect in counted.values())
 
 
-def effect_price(effect: Effect) -> float:
+def compute_effect_price(effect: Effect) -> float:
     """Return the price of one effect [nats]."""
     further = PARAMETER_PRICE * max(0, len(effect.free_parameters) - 1)
     return PRICE + further + (0.0 if effect.in_model else HOOK_PRICE)
@@ -130,7 +130,7 @@ def excited_joints(task: FitTask) -> set[str]:
     return {joint for joint, excited in zip(evidence.joints, commanded & moved, strict=True) if excited}
 
 
-def joints_beyond_prior(h: Hypothesis) -> set[str]:
+def find_joints_beyond_prior(h: Hypothesis) -> set[str]:
     """Return the joints with a base parameter beyond its prior."""
     return {base.joint for base in h.fit.parameters.base if is_beyond_prior(h, base)}
 
@@ -141,7 +141,7 @@ def is_beyond_prior(h: Hypothesis, base: NominalParameter) -> bool:
     return not base.is_free and abs(log) > BEYOND_PRIOR * base.deviation(log)
 
 
-def frees_base_parameter(h: Hypothesis, effect: Effect) -> bool:
+def can_free_base_parameter(h: Hypothesis, effect: Effect) -> bool:
     """Whether a base parameter beyond its prior may compensate for a missing effect."""
     kind = effect.replaces or effect.distorts
     near = [base for base in h.fit.parameters.base if base.kind == kind and effect.joint in (None, base.joint)]

@@ -76,7 +76,7 @@ class FreeParameters:
         """Free parameters of the effects in order; optional ones only if one of them is not neutral."""
         found = []
         for place, effect in enumerate(self.effects):
-            alike = self._indices_of(effect) if effect.name() in self.shared else (place,)
+            alike = self._find_effect_indices(effect) if effect.name() in self.shared else (place,)
             if alike[0] != place:
                 continue
             for parameter in effect.free_parameters:
@@ -84,7 +84,7 @@ class FreeParameters:
                 found.append(FreeParameter(alike, parameter, parameter.neutral if parameter.spread else own))
         return tuple(found)
 
-    def _indices_of(self, effect: Effect) -> tuple[int, ...]:
+    def _find_effect_indices(self, effect: Effect) -> tuple[int, ...]:
         return tuple(place for place, other in enumerate(self.effects) if other.name() == effect.name())
 
     @property

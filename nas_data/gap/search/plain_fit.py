@@ -9,17 +9,17 @@ import numpy as np
 
 from nas_data.count_of import count_of
 from nas_data.effects.base import Effect, Scales, find_effect, make_effect
-from nas_data.effects.edits.servo import stiffness
+from nas_data.effects.edits.servo import read_servo_stiffness
 from nas_data.effects.joint_offset import JointOffset
 from nas_data.gap.episode_batch import cut_windows
 from nas_data.gap.nominal_parameters import MAX_LOG_CHANGE, NominalParameter, read_own_value
-from nas_data.gap.search.fit import Fit, fit, group_moved_joints, is_effect_or_freed, joint_of_label
+from nas_data.gap.search.fit import Fit, find_label_joint, fit, group_moved_joints, is_effect_or_freed
 from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, reuse_jacobian
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FREED_ONLY, FreeParameters, Label
 from nas_data.gap.search.screen import screen
 from nas_data.gap.search.search import AT_FLOOR, TRIED, Search
-from nas_data.gap.side_by_side import side_by_side
+from nas_data.gap.side_by_side import map_in_parallel
 
 SHORT_WINDOW = 1.0  # [s] of the first fit; open-loop errors of a wrong model grow fast
 SHORT_STEPS = 8_000  # most physics steps of one rollout of short windows
@@ -86,18 +86,18 @@ def describe_plain_fit(search: Search, joints: Collection[str]) -> Description:
             "coulomb_friction": ("torque", INITIAL_SHARE * sizes.torque, float(spec.joint(joint).frictionloss)),
             "viscous_friction": (
                 "coefficient",
-                INITIAL_SHARE * natural_damping(sizes),
+                INITIAL_SHARE * compute_natural_damping(sizes),
                 float(spec.joint(joint).damping[0]),
             ),
             "rotor_inertia": ("inertia", INITIAL_SHARE * sizes.inertia, float(spec.joint(joint).armature)),
         }
         effects += [make_effect(name, joint, {key: size}) for name, (key, size, own) in lacking.items() if own == 0]
-        if stiffness(spec, joint) > 0:
+        if read_servo_stiffness(spec, joint) > 0:
             effects.append(make_effect("joint_offset", joint, {"offset": 1e-6}))
     return Description(tuple(effects), freed)
 
 
-def natural_damping(sizes: Scales) -> float:
+def compute_natural_damping(sizes: Scales) -> float:
     """Return a joint's large torque over its large speed [N·m·s/rad], or its damping if that is larger."""
     return max(sizes.damping, sizes.torque / sizes.speed)
 
@@ -120,7 +120,7 @@ def fit_short_windows(search: Search, description: Description) -> Fit | None:
         return None
     best = [starts[number] for number in order[:TRIED] if misfits[number] < misfits[order[0]] + NEARLY]
     first = task.relinearise(parameters, best[0])
-    fitted = side_by_side(lambda theta: fit(first, parameters, theta, steps=4, jacobian_refreshes=1), best)
+    fitted = map_in_parallel(lambda theta: fit(first, parameters, theta, steps=4, jacobian_refreshes=1), best)
     found = min(filter(None, fitted), key=lambda one: one.loss)
     task = task.relinearise(parameters, found.theta)
     return fit(task, parameters, found.theta, steps=6, jacobian_refreshes=2) or found
@@ -133,7 +133,7 @@ def mix_starts(
     far = np.full(len(task.floor), np.inf)
     errors = [far if rows is None else task.misfits(rows).sum(0) for rows in predicted]
     best = dict(zip(task.nominal.joints, np.argmin(errors, axis=0), strict=True))
-    joints = [joint_of_label(label) for label in parameters.labels]
+    joints = [find_label_joint(label) for label in parameters.labels]
     return np.array([starts[best.get(joint or "", 0)][column] for column, joint in enumerate(joints)])
 
 

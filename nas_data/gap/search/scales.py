@@ -4,13 +4,13 @@ import mujoco
 import numpy as np
 
 from nas_data.dataset.features import EFFORT, POSITION
-from nas_data.effects.base import Scales, joint_actuator
-from nas_data.effects.edits.servo import damping, is_velocity_servo, stiffness
+from nas_data.effects.base import Scales, find_joint_actuator
+from nas_data.effects.edits.servo import is_velocity_servo, read_servo_damping, read_servo_stiffness
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal
-from nas_data.joint_units import radians_at
-from nas_data.robots.base import deepest_joint
-from nas_data.simulators.controls import find_command, length_feedback
+from nas_data.joint_units import compute_angle_scales
+from nas_data.robots.base import find_deepest_joint
+from nas_data.simulators.controls import find_command, read_length_feedback
 
 
 def estimate_scales(nominal: Nominal, evidence: EpisodeBatch, predicted: np.ndarray) -> tuple[Scales, ...]:
@@ -23,7 +23,7 @@ def estimate_scales(nominal: Nominal, evidence: EpisodeBatch, predicted: np.ndar
     """
     model = nominal.simulator().model
     moved = {p.joint: p.bodies for p in nominal.base if p.kind == "mass"}
-    outermost = moved[deepest_joint(nominal.spec, tuple(moved))] if moved else ()
+    outermost = moved[find_deepest_joint(nominal.spec, tuple(moved))] if moved else ()
     last = sum(float(nominal.spec.body(name).mass) for name in outermost) or 0.01
     return tuple(
         estimate_joint_scales(nominal, model, evidence, predicted, index, last) for index in range(len(nominal.joints))
@@ -35,10 +35,10 @@ def estimate_joint_scales(
 ) -> Scales:
     """Return the scales of the joint of an index; `mass` is that moved by the last joint [kg]."""
     joint = nominal.joints[index]
-    actuator = joint_actuator(nominal.spec, joint)
+    actuator = find_joint_actuator(nominal.spec, joint)
     element = nominal.spec.joint(joint)
-    gain = stiffness(nominal.spec, joint)
-    losses = float(element.damping[0]) + max(damping(nominal.spec, joint), 0.0)
+    gain = read_servo_stiffness(nominal.spec, joint)
+    losses = float(element.damping[0]) + max(read_servo_damping(nominal.spec, joint), 0.0)
     inertia = float(model.dof_M0[model.joint(joint).dofadr[0]])
     speed = measure_large_speed(evidence, index)
     radian = find_radian(nominal, model, evidence, index)
@@ -65,7 +65,7 @@ def find_radian(nominal: Nominal, model: mujoco.MjModel, evidence: EpisodeBatch,
     place = model.joint(joint).id
     travel = np.ptp(evidence.measured[..., index][evidence.mask])
     reach = np.ptp(model.jnt_range[place]) if model.jnt_limited[place] else travel
-    return float(radians_at([joint], nominal.slides, np.array([reach]))[0])
+    return float(compute_angle_scales([joint], nominal.slides, np.array([reach]))[0])
 
 
 def compute_servo_torques(nominal: Nominal, evidence: EpisodeBatch, predicted: np.ndarray, index: int) -> np.ndarray:
@@ -77,7 +77,7 @@ def compute_servo_torques(nominal: Nominal, evidence: EpisodeBatch, predicted: n
     commands, positions, starts = (
         rows[..., index] for rows in (evidence.commands, predicted, evidence.initial_positions)
     )
-    kind, gain = simulator.kinds[index], stiffness(nominal.spec, joint)
+    kind, gain = simulator.kinds[index], read_servo_stiffness(nominal.spec, joint)
     if kind == EFFORT:
         return commands
     if kind == POSITION:
@@ -85,13 +85,13 @@ def compute_servo_torques(nominal: Nominal, evidence: EpisodeBatch, predicted: n
     if gain:  # an integrated-velocity servo
         return gain * (starts[:, None] + np.cumsum(commands, axis=1) * evidence.period - positions)
     speeds = np.diff(positions, axis=1, prepend=starts[:, None]) / evidence.period
-    return np.asarray(max(damping(nominal.spec, joint), 0.0) * (commands - speeds))
+    return np.asarray(max(read_servo_damping(nominal.spec, joint), 0.0) * (commands - speeds))
 
 
 def read_controller_stiffness(model: mujoco.MjModel, joint: str) -> float:
     """Return the torque per position error of a `dcmotor` with a controller [N·m/rad; N/m]."""
     actuator, _ = find_command(model, int(model.joint(joint).id), "the model")
-    return length_feedback(model, actuator) * float(model.actuator_gear[actuator, 0]) ** 2
+    return read_length_feedback(model, actuator) * float(model.actuator_gear[actuator, 0]) ** 2
 
 
 def measure_large_speed(evidence: EpisodeBatch, index: int) -> float:

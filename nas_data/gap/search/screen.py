@@ -11,7 +11,7 @@ from nas_data.effects.base import Effect, Scales, find_effect, make_effect
 from nas_data.errors import NasError
 from nas_data.gap.search.fit import MAX_STEP, Fit, solve_bounded
 from nas_data.gap.search.objective import CORRELATION, FitTask, Score
-from nas_data.gap.side_by_side import side_by_side
+from nas_data.gap.side_by_side import map_in_parallel
 
 STRETCH_BOUNDS = (0.0, 2.0)  # factor s on the change of positions at a guess, to first order
 SIGNED_STRETCH_BOUNDS = (-6.0, 6.0)  # the same for a parameter with either sign
@@ -45,7 +45,7 @@ def generate_candidates(joints: Sequence[str], sizes: Sequence[Scales]) -> Itera
     """Yield every effect of the catalogue at every joint and initial guess."""
     numbers = [name for name in Scales.__dataclass_fields__ if name != "velocity_servo"]
     mean = Scales(*np.mean([[float(getattr(size, name)) for name in numbers] for size in sizes], axis=0))
-    for name in registry.names("effects"):
+    for name in registry.list_names("effects"):
         kind = find_effect(name)
         places: list[tuple[str | None, Scales]] = [*zip(joints, sizes, strict=True)] if kind.per_joint else []
         places += [(None, mean)] if kind.whole_arm else []
@@ -84,7 +84,7 @@ def screen(
         and (names is None or effect.name() in names)
     ]
     by_joint = dict(zip(task.nominal.joints, sizes, strict=True))
-    identities = {effect: (effect, local_state(state, effect)) for effect in wanted}
+    identities = {effect: (effect, round_local_parameters(state, effect)) for effect in wanted}
     unknown = [effect for effect in wanted if identities[effect] not in changes]
 
     def simulate(group: Sequence[Effect]) -> None:
@@ -99,14 +99,14 @@ def screen(
             return None
         return estimate_first_order(task, state, effect, vanishing_value, changes[identities[effect]])
 
-    side_by_side(simulate, group_effects(task, unknown))
-    for found in side_by_side(estimated, wanted):
+    map_in_parallel(simulate, group_effects(task, unknown))
+    for found in map_in_parallel(estimated, wanted):
         if found is not None and (found.effect_key not in best or found.loss < best[found.effect_key].loss):
             best[found.effect_key] = found
     return sorted(best.values(), key=lambda candidate: candidate.loss)
 
 
-def local_state(state: Fit, effect: Effect) -> Hashable:
+def round_local_parameters(state: Fit, effect: Effect) -> Hashable:
     """Return rounded parameters at an effect's joint, on which its change of positions mainly depends."""
     joint = effect.joint
 

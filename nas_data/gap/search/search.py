@@ -6,14 +6,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from nas_data.effects.base import Effect, Scales
-from nas_data.gap.floor import floor_ratios
+from nas_data.gap.floor import compute_floor_ratios
 from nas_data.gap.search.fit import Fit, evaluate_loss, fit, is_effect_or_freed, measure_jacobian, measure_moved_joints
 from nas_data.gap.search.hypothesis import (
     Description,
     Hypothesis,
     Key,
     excited_joints,
-    joints_beyond_prior,
+    find_joints_beyond_prior,
     reuse_jacobian,
 )
 from nas_data.gap.search.objective import FitTask, Score
@@ -278,13 +278,13 @@ class Search:
 
     def floor_ratios(self, hypothesis: Hypothesis) -> np.ndarray:
         """Return the held-out error over the noise floor, geometric mean over episodes, shape (n,)."""
-        return floor_ratios(hypothesis.heldout, self.held.floor)
+        return compute_floor_ratios(hypothesis.heldout, self.held.floor)
 
     def find_joints_above_floor(self, hypothesis: Hypothesis) -> set[str]:
         """Return the excited joints above their floor or with base parameters beyond their prior."""
         errors = zip(self.train.nominal.joints, self.floor_ratios(hypothesis), strict=True)
         above = {joint for joint, ratio in errors if ratio > AT_FLOOR}
-        return (above | joints_beyond_prior(hypothesis)) & self.excited
+        return (above | find_joints_beyond_prior(hypothesis)) & self.excited
 
     def report(self, word: str, h: Hypothesis) -> None:
         """Write a hypothesis with its score to the progress messages."""

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from nas_data.gap.report import GapReport
 from nas_data.gap.showing.series import Series
-from nas_data.joint_units import JointUnit, joint_unit
+from nas_data.joint_units import JointUnit, find_joint_unit
 from nas_data.reports.style import (
     BLACK,
     BLUE,
@@ -22,7 +22,7 @@ from nas_data.reports.style import (
     WIDTH,
     Stroke,
     house_style,
-    legend_above,
+    place_legend_above,
 )
 
 BEFORE, RETUNED, PLAIN, AFTER, PLACEBO = "before", "retuned", "plain fit", "after", "placebo"
@@ -89,7 +89,7 @@ def draw_error_per_joint(series: Series, models: Models) -> Figure:
         parts = figure.subplots(1, len(widths), squeeze=False, width_ratios=widths)[0]
         for axes, (unit, chosen) in zip(parts, series.kinds, strict=True):
             draw_joints(axes, series, models, unit, chosen)
-        legend_above(figure, parts[0])
+        place_legend_above(figure, parts[0])
     return figure
 
 
@@ -104,7 +104,9 @@ def draw_joints(axes: Axes, series: Series, models: Models, unit: JointUnit, cho
     for name, values in rows.items():
         draw_dots(axes, name, places, values)
     axes.hlines(floor, places - 0.35, places + 0.35, color=BLACK, linewidth=1.4, label=FLOOR, zorder=3)
-    axes.set_xticks(places, names, rotation=label_angle(series.joints), ha=label_anchor(series.joints, "right"))
+    axes.set_xticks(
+        places, names, rotation=choose_label_angle(series.joints), ha=choose_label_anchor(series.joints, "right")
+    )
     axes.set_xlim(-0.6, len(places) - 0.4)
     axes.grid(visible=False, axis="x")
     set_log_scale(axes, f"RMSE on held-out episodes [{unit.mark.strip()}]", [stacked.min(), stacked.max(), *floor])
@@ -140,14 +142,14 @@ def set_log_scale(axes: Axes, label: str, values: Sequence[float]) -> None:
     )
 
 
-def label_angle(names: Sequence[str]) -> int:
+def choose_label_angle(names: Sequence[str]) -> int:
     """Return the rotation of names along an axis [°] so that they don't overlap."""
     return 30 if sum(len(name) for name in names) > 45 or len(names) > MANY + 4 else 0
 
 
-def label_anchor(names: Sequence[str], side: Literal["left", "right"]) -> Literal["left", "center", "right"]:
+def choose_label_anchor(names: Sequence[str], side: Literal["left", "right"]) -> Literal["left", "center", "right"]:
     """Return the horizontal alignment of names: one side if they are rotated."""
-    return side if label_angle(names) else "center"
+    return side if choose_label_angle(names) else "center"
 
 
 def draw_joint_motion(series: Series, models: Models, joint: int, torques: bool) -> Figure:
@@ -161,7 +163,7 @@ def draw_joint_motion(series: Series, models: Models, joint: int, torques: bool)
     """
     episode = series.worst_episode(joint)
     rows = series.counts[episode]
-    unit = joint_unit(series.joints[joint], series.slides)
+    unit = find_joint_unit(series.joints[joint], series.slides)
     time, measured = series.time[rows], unit.factor * series.measured[episode, rows, joint]
     with house_style():
         figure = Figure(figsize=(WIDTH, 5.0))
@@ -183,7 +185,7 @@ def draw_joint_motion(series: Series, models: Models, joint: int, torques: bool)
         below.set_xlim(0.0, time[-1])
         # an empty band adds the floor to the legend, which lists the upper axes
         above.fill_between([], [], color=LIGHT, alpha=0.45, linewidth=0, label=FLOOR)
-        legend_above(figure, above)
+        place_legend_above(figure, above)
     return figure
 
 

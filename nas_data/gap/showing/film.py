@@ -10,7 +10,7 @@ from nas_data.gap.report import GapReport
 from nas_data.gap.showing.figures import AFTER, BEFORE, RETUNED
 from nas_data.gap.showing.series import Series
 from nas_data.gap.write_model import MODEL
-from nas_data.joint_units import joint_unit
+from nas_data.joint_units import find_joint_unit
 from nas_data.reports.page import Block, ShortFilm, Text
 
 SECONDS = 4.0  # [s] of the episode
@@ -56,7 +56,7 @@ def draw_film(model: Path, report: GapReport, series: Series) -> ShortFilm:
         each = np.stack([np.sqrt(errors[:, chosen].mean(axis=1)) for chosen in places], axis=1)
         ghosts.append(Ghost(name, body, states, each))
     names = tuple(joint + POSITION for joint in series.joints)
-    state = Feature(names, tuple(joint_unit(joint, series.slides).si for joint in series.joints))
+    state = Feature(names, tuple(find_joint_unit(joint, series.slides).si for joint in series.joints))
     shown = series.measured[episode, rows]
     recorded = Dataset({STATE: state}, {STATE: shown[:-1]}, np.array([len(shown) - 1]), rate)
     motion = Motion(int(series.episodes[episode]), recorded, tuple(ghosts))

@@ -7,35 +7,35 @@ from nas_data.gap.report_parts import NamedEffect
 from nas_data.gap.showing.figures import select_models
 from nas_data.gap.showing.film import make_film_blocks
 from nas_data.gap.showing.page_charts import (
-    error_bars,
-    joint_charts,
-    joint_errors,
-    over_time,
-    placebo_bars,
-    regimes_chart,
+    draw_errors_over_time,
+    draw_joint_charts,
+    draw_joint_errors,
+    draw_model_errors,
+    draw_placebo_errors,
+    draw_regimes_chart,
 )
 from nas_data.gap.showing.page_tables import (
-    audit_facts,
-    effects_table,
-    experiments_table,
-    gap_table,
-    joints_table,
-    made_from,
-    regimes_table,
-    retuned_table,
+    describe_origin,
+    make_audit_facts,
+    make_effects_table,
+    make_experiments_table,
+    make_gap_table,
+    make_joints_table,
+    make_regimes_table,
+    make_retuned_table,
 )
 from nas_data.gap.showing.page_verdict import (
     describe_model,
     describe_rest,
+    describe_score_basis,
     describe_slides,
     describe_verdict,
     format_error,
-    score_basis,
 )
 from nas_data.gap.showing.page_words import (
     as_words,
     capitalise,
-    effect_title,
+    format_effect_title,
     format_value,
     format_with_si,
     join_items,
@@ -65,7 +65,7 @@ SIDES = (
 NOT_WRITTEN = "A model file cannot quite hold {}: effects.json does, and model.xml has what comes nearest."
 
 
-def page_of_folder(folder: Path) -> HtmlPage:
+def read_page(folder: Path) -> HtmlPage:
     """Return the page of a report's folder.
 
     Raises:
@@ -77,52 +77,54 @@ def page_of_folder(folder: Path) -> HtmlPage:
 def build_page(report: GapReport, series: Series, folder: Path) -> HtmlPage:
     """Return the page; model difference and film are included if their files exist."""
     sections = [
-        PageSection("", opening(report)),
-        PageSection("What to change", change_blocks(report, folder)),
+        PageSection("", make_verdict_blocks(report)),
+        PageSection("What to change", make_change_blocks(report, folder)),
         PageSection("How the gap shrinks", make_error_blocks(report, series)),
-        PageSection("Where the gap is", [*regimes_chart(report), *joints_table(report), *regimes_table(report)]),
-        PageSection("The names", effects_blocks(report)),
-        PageSection("Measured, before and after", motion_blocks(report, series, folder)),
-        PageSection("A wrong name in its place", placebo_blocks(report, series)),
-        PageSection("What stays unexplained", rest_blocks(report)),
-        PageSection("What to record next", next_blocks(report)),
-        PageSection("The recording", audit_facts(report)),
-        PageSection("Commands, hashes and versions", [made_from(report)]),
-        PageSection("How to read this page", [Text(line) for line in (*READING, score_basis(report))]),
+        PageSection(
+            "Where the gap is", [*draw_regimes_chart(report), *make_joints_table(report), *make_regimes_table(report)]
+        ),
+        PageSection("The names", make_effects_blocks(report)),
+        PageSection("Measured, before and after", make_motion_blocks(report, series, folder)),
+        PageSection("A wrong name in its place", make_placebo_blocks(report, series)),
+        PageSection("What stays unexplained", make_unexplained_blocks(report)),
+        PageSection("What to record next", make_next_experiment_blocks(report)),
+        PageSection("The recording", make_audit_facts(report)),
+        PageSection("Commands, hashes and versions", [describe_origin(report)]),
+        PageSection("How to read this page", [Text(line) for line in (*READING, describe_score_basis(report))]),
     ]
     return HtmlPage(f"Gap report of {describe_model(report)}", [section for section in sections if section.blocks])
 
 
-def opening(report: GapReport) -> list[Block]:
+def make_verdict_blocks(report: GapReport) -> list[Block]:
     """Return the verdict."""
     slides = describe_slides(report)
     return [Text(describe_verdict(report), lead=True), *([Text(slides)] if slides else [])]
 
 
-def change_blocks(report: GapReport, folder: Path) -> list[Block]:
+def make_change_blocks(report: GapReport, folder: Path) -> list[Block]:
     """Return the changes of the model: difference, added effects, and retuned parameters."""
     file = folder / DIFFERENCE
     text = file.read_text(encoding="utf-8") if file.is_file() else ""
-    missing = [effect_title(effect) for effect in report.effects if not effect.in_model_xml]
+    missing = [format_effect_title(effect) for effect in report.effects if not effect.in_model_xml]
     blocks: list[Block] = [ModelDifference(text, SIDES)] if text else []
     if report.effects:
         blocks.append(Text(f"Added: {join_items([describe_values(effect) for effect in report.effects])}."))
     blocks += [Text(NOT_WRITTEN.format(join_items(missing)))] if missing else []
     if report.retuned:
-        blocks.append(retuned_table(report))
+        blocks.append(make_retuned_table(report))
     return blocks or [Text("Nothing: the model is kept as it was handed over.")]
 
 
 def describe_values(effect: NamedEffect) -> str:
     """Return an effect with its joint and parameters."""
     values = [f"{as_words(name)} {format_with_si(one.value, one.unit)}" for name, one in effect.parameters.items()]
-    return f"{effect_title(effect)} ({', '.join(values)})"
+    return f"{format_effect_title(effect)} ({', '.join(values)})"
 
 
 def make_error_blocks(report: GapReport, series: Series) -> list[Block]:
     """Return the errors of all models, overall and per joint."""
-    charts = [error_bars(report, series), *joint_errors(report, series)]
-    return [*charts, *describe_shares(report), gap_table(series, select_models(report, series))]
+    charts = [draw_model_errors(report, series), *draw_joint_errors(report, series)]
+    return [*charts, *describe_shares(report), make_gap_table(series, select_models(report, series))]
 
 
 def describe_shares(report: GapReport) -> list[Text]:
@@ -136,21 +138,21 @@ def describe_shares(report: GapReport) -> list[Text]:
     return [Text(f"Of the squared error above the noise, {named} {shares.names:.1%}{learned}{left}.")]
 
 
-def effects_blocks(report: GapReport) -> list[Block]:
+def make_effects_blocks(report: GapReport) -> list[Block]:
     """Return the table of named effects, with remarks on each."""
     if not report.effects:
         return [Text("No effect was named.")]
-    more = [(effect_title(effect), list_remarks(effect)) for effect in report.effects]
-    return [effects_table(report), *[Text(f"{capitalise(name)}. {' '.join(told)}") for name, told in more if told]]
+    more = [(format_effect_title(effect), list_remarks(effect)) for effect in report.effects]
+    return [make_effects_table(report), *[Text(f"{capitalise(name)}. {' '.join(told)}") for name, told in more if told]]
 
 
-def motion_blocks(report: GapReport, series: Series, folder: Path) -> list[Block]:
+def make_motion_blocks(report: GapReport, series: Series, folder: Path) -> list[Block]:
     """Return measured and predicted motion of every joint, as film and charts."""
     film = make_film_blocks(folder, report, series)
-    return [*film, over_time(report, series), *joint_charts(report, series)]
+    return [*film, draw_errors_over_time(report, series), *draw_joint_charts(report, series)]
 
 
-def rest_blocks(report: GapReport) -> list[Block]:
+def make_unexplained_blocks(report: GapReport) -> list[Block]:
     """Return the remaining errors."""
     found = report.find
     open_questions = [Text(sentence) for sentence in (found.undecidable if found else ())]
@@ -162,25 +164,25 @@ def rest_blocks(report: GapReport) -> list[Block]:
     ]
 
 
-def placebo_blocks(report: GapReport, series: Series) -> list[Block]:
+def make_placebo_blocks(report: GapReport, series: Series) -> list[Block]:
     """Return the error of the runner-up in place of a name."""
     placebo, gap = report.placebo, report.gap
     if not placebo:
         return []
-    told = as_words(placebo.text).rstrip(".") or join_items([effect_title(effect) for effect in placebo.effects])
+    told = as_words(placebo.text).rstrip(".") or join_items([format_effect_title(effect) for effect in placebo.effects])
     return [
         Text(
             f"{capitalise(told)}: with the same freedom to fit, this placebo leaves "
             f"{format_value(placebo.after, gap.unit)} of the {format_error(gap, 'before')} before. "
             f"What is named leaves {format_error(gap, 'after')}. If the placebo does as well, do not believe the name."
         ),
-        *placebo_bars(series),
+        *draw_placebo_errors(series),
     ]
 
 
-def next_blocks(report: GapReport) -> list[Block]:
+def make_next_experiment_blocks(report: GapReport) -> list[Block]:
     """Return the proposed experiment."""
     text = report.next_experiment
     if not text:
         return [Text("Nothing in particular: no rival explanation is close enough to be worth an experiment.")]
-    return [Text(f"{capitalise(text.rstrip('.'))}."), *experiments_table(report)]
+    return [Text(f"{capitalise(text.rstrip('.'))}."), *make_experiments_table(report)]

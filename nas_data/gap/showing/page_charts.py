@@ -21,8 +21,16 @@ from nas_data.gap.showing.figures import (
 )
 from nas_data.gap.showing.page_words import format_value, join_items
 from nas_data.gap.showing.series import Series
-from nas_data.joint_units import JointUnit, joint_unit
-from nas_data.reports.charts import Trace, axis, dots, level, logarithmic, motion, spread
+from nas_data.joint_units import JointUnit, find_joint_unit
+from nas_data.reports.charts import (
+    Trace,
+    make_axis,
+    make_dots,
+    make_level_line,
+    make_log_axis,
+    make_motion_chart,
+    make_spread,
+)
 from nas_data.reports.page import Chart
 from nas_data.reports.style import BLACK, GREEN, LIGHT, STROKES, Stroke
 
@@ -37,36 +45,36 @@ WINDOW = 0.1  # [s] over which errors are averaged when drawn over time
 QUARTILES = (0.25, 0.5, 0.75)
 
 
-def error_bars(report: GapReport, series: Series) -> Chart:
+def draw_model_errors(report: GapReport, series: Series) -> Chart:
     """Return the held-out errors of all models, φ, and the floor."""
     shown = select_models(report, series)
     titles = {**TITLES, AFTER: f"after ({DELIVERED.get(report.gap.delivered or 'names', 'names')})"}
     made = {titles.get(name, name): (series.by_episode(values), LOOKS[name]) for name, values in shown.items()}
-    traces = [bar(series, name, values, look) for name, (values, look) in made.items()]
+    traces = [make_bar(series, name, values, look) for name, (values, look) in made.items()]
     if report.shares and report.shares.learned is not None and report.shares.left is not None:
         floor = series.overall_floor
         first = float(np.sqrt(np.mean(series.by_episode(series.before) ** 2)))
         left = np.sqrt(floor**2 + report.shares.left * max(first**2 - floor**2, 0.0))
-        traces.append(bar(series, LEARNED, np.array([left]), Stroke(GREEN)))
-    traces.append(bar(series, FLOOR, np.array([series.overall_floor]), Stroke(LIGHT)))
-    return bars(
+        traces.append(make_bar(series, LEARNED, np.array([left]), Stroke(GREEN)))
+    traces.append(make_bar(series, FLOOR, np.array([series.overall_floor]), Stroke(LIGHT)))
+    return draw_bar_chart(
         "errors",
         f"Error of each model on the {len(series.episodes)} held-out episodes. Thin lines reach from the best episode "
-        f"to the worst. {legend(report)}.",
+        f"to the worst. {explain_legend(report)}.",
         traces,
         f"RMSE over {series.over}",
     )
 
 
-def placebo_bars(series: Series) -> list[Chart]:
+def draw_placebo_errors(series: Series) -> list[Chart]:
     """Return the error of the placebo beside before and after; empty without one."""
     if series.placebo is None:
         return []
     made = {BEFORE: series.before, PLACEBO: series.placebo, AFTER: series.after}
-    traces = [bar(series, name, series.by_episode(values), LOOKS[name]) for name, values in made.items()]
-    traces.append(bar(series, FLOOR, np.array([series.overall_floor]), Stroke(LIGHT)))
+    traces = [make_bar(series, name, series.by_episode(values), LOOKS[name]) for name, values in made.items()]
+    traces.append(make_bar(series, FLOOR, np.array([series.overall_floor]), Stroke(LIGHT)))
     return [
-        bars(
+        draw_bar_chart(
             "placebo",
             "The same episodes, with a wrong name in the right one's place.",
             traces,
@@ -75,7 +83,7 @@ def placebo_bars(series: Series) -> list[Chart]:
     ]
 
 
-def bar(series: Series, name: str, errors: np.ndarray, look: Stroke) -> Trace:
+def make_bar(series: Series, name: str, errors: np.ndarray, look: Stroke) -> Trace:
     """Return the bar of a model: its RMSE, with a line from its best to its worst episode.
 
     Args:
@@ -100,78 +108,78 @@ def bar(series: Series, name: str, errors: np.ndarray, look: Stroke) -> Trace:
     }
 
 
-def bars(name: str, caption: str, traces: Sequence[Trace], title: str) -> Chart:
+def draw_bar_chart(name: str, caption: str, traces: Sequence[Trace], title: str) -> Chart:
     """Return a chart of horizontal bars, the first on top."""
     layout = {
-        "xaxis": axis(title, rangemode="tozero"),
+        "xaxis": make_axis(title, rangemode="tozero"),
         "yaxis": {"autorange": "reversed", "ticksuffix": " "},
         "hovermode": "closest",
     }
     return Chart(name, caption, traces, layout, height=90 + 42 * len(traces))
 
 
-def legend(report: GapReport) -> str:
+def explain_legend(report: GapReport) -> str:
     """Explain the names in the legends."""
     parts = ["Before: the model as handed over", "retuned: its own numbers fitted, nothing added"]
     parts += ["plain fit: every smooth parameter of every joint fitted, no name given"]
     return "; ".join(parts + (["after: with what is named added"] if report.effects else []))
 
 
-def joint_errors(report: GapReport, series: Series) -> list[Chart]:
+def draw_joint_errors(report: GapReport, series: Series) -> list[Chart]:
     """Return the held-out error of each joint and model; hinges and slides have separate charts."""
     shown = select_models(report, series)
-    return [errors_of_kind(series, shown, unit, chosen) for unit, chosen in series.kinds]
+    return [draw_errors_of_kind(series, shown, unit, chosen) for unit, chosen in series.kinds]
 
 
-def errors_of_kind(series: Series, shown: Mapping[str, np.ndarray], unit: JointUnit, chosen: np.ndarray) -> Chart:
+def draw_errors_of_kind(series: Series, shown: Mapping[str, np.ndarray], unit: JointUnit, chosen: np.ndarray) -> Chart:
     """Return the errors of joints of one kind."""
     names = [series.joints[joint] for joint in chosen]
     rows = {name: unit.factor * series.by_joint(made)[chosen] for name, made in shown.items()}
     traces = [
-        dots(
+        make_dots(
             names, values, name, LOOKS[name], marker={"color": LOOKS[name].colour, "size": 10, "symbol": SYMBOLS[name]}
         )
         for name, values in rows.items()
     ]
     floor = {"color": BLACK, "size": 26, "symbol": "line-ew", "line": {"width": 2, "color": BLACK}}
-    traces.append(dots(names, unit.factor * series.floor[chosen], FLOOR, Stroke(BLACK), marker=floor))
-    layout = {"xaxis": {}, "yaxis": logarithmic(f"RMSE [{unit.mark.strip()}]")}
+    traces.append(make_dots(names, unit.factor * series.floor[chosen], FLOOR, Stroke(BLACK), marker=floor))
+    layout = {"xaxis": {}, "yaxis": make_log_axis(f"RMSE [{unit.mark.strip()}]")}
     return Chart(
         f"errors_of_{unit.kind}", f"Error of each joint on the held-out episodes: {unit.kind}.", traces, layout
     )
 
 
-def over_time(report: GapReport, series: Series) -> Chart:
+def draw_errors_over_time(report: GapReport, series: Series) -> Chart:
     """Return errors over the time since the start of an episode."""
     shown = {
         name: series.shown(series.in_time(made, WINDOW)) for name, made in select_joint_models(report, series).items()
     }
     quartiles = {name: np.nanquantile(rows, QUARTILES, axis=0) for name, rows in shown.items()}
     layout = {
-        "xaxis": axis("time since the start of an episode [s]"),
-        "yaxis": logarithmic(f"RMS error over {series.over}"),
-        "shapes": [level(float(series.shown(np.array(series.overall_floor))), FLOOR, BLACK)],
+        "xaxis": make_axis("time since the start of an episode [s]"),
+        "yaxis": make_log_axis(f"RMS error over {series.over}"),
+        "shapes": [make_level_line(float(series.shown(np.array(series.overall_floor))), FLOOR, BLACK)],
     }
     caption = (
         "How the error goes on from the start of an episode: median over the held-out episodes, band from the lower to "
         "the upper quartile. Every episode is predicted from its first pose and its commands alone."
     )
-    return Chart("error_over_time", caption, spread(series.time, quartiles, LOOKS), layout)
+    return Chart("error_over_time", caption, make_spread(series.time, quartiles, LOOKS), layout)
 
 
-def joint_charts(report: GapReport, series: Series) -> list[Chart]:
+def draw_joint_charts(report: GapReport, series: Series) -> list[Chart]:
     """Return the motion of every joint, largest gap first."""
     ratios = series.by_joint(series.before) / series.floor
-    return [joint_chart(report, series, int(place)) for place in np.argsort(-ratios)]
+    return [draw_joint_chart(report, series, int(place)) for place in np.argsort(-ratios)]
 
 
-def joint_chart(report: GapReport, series: Series, joint: int) -> Chart:
+def draw_joint_chart(report: GapReport, series: Series, joint: int) -> Chart:
     """Return the motion of one joint in its worst held-out episode."""
     shown, name, episode = select_joint_models(report, series), series.joints[joint], series.worst_episode(joint)
-    unit, rows = joint_unit(name, series.slides), series.counts[episode]
+    unit, rows = find_joint_unit(name, series.slides), series.counts[episode]
     curves = {label: unit.factor * values[episode, rows, joint] for label, values in shown.items()}
     command = None if has_torque_commands(report) else unit.factor * series.command[episode, rows, joint]
-    traces, layout = motion(
+    traces, layout = make_motion_chart(
         series.time[rows],
         unit.factor * series.measured[episode, rows, joint],
         curves,
@@ -189,7 +197,7 @@ def joint_chart(report: GapReport, series: Series, joint: int) -> Chart:
     return Chart("joint_" + re.sub(r"[^\w.-]", "_", name), caption, aside, layout, height=520)
 
 
-def regimes_chart(report: GapReport) -> list[Chart]:
+def draw_regimes_chart(report: GapReport) -> list[Chart]:
     """Return the heat map of errors by joint and condition; empty without data."""
     bins: Sequence[Bin] = report.find.regimes if report.find else ()
     if not bins:

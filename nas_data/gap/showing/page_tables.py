@@ -11,8 +11,8 @@ from nas_data.gap.showing.page_words import (
     ANGLE,
     ENDS,
     as_words,
-    effect_title,
     format_confidence,
+    format_effect_title,
     format_figures,
     format_interval,
     format_value,
@@ -20,7 +20,7 @@ from nas_data.gap.showing.page_words import (
     join_items,
 )
 from nas_data.gap.showing.series import Series
-from nas_data.joint_units import joint_unit
+from nas_data.joint_units import find_joint_unit
 from nas_data.reports.page import Facts, HtmlTable
 
 SHOWN = 3  # most listed conditions per joint
@@ -29,17 +29,17 @@ MANY = 12  # most episodes whose numbers are listed
 NONE = "–"
 
 
-def effects_table(report: GapReport) -> HtmlTable:
+def make_effects_table(report: GapReport) -> HtmlTable:
     """Return a row for each parameter of each named effect."""
     rows = []
     for effect in report.effects:
         errors = effect.evidence
         shrink = " → ".join(format_value(getattr(errors, end), errors.unit) for end in ENDS)
-        equals = join_items([effect_title(other) for other in effect.equals]) or NONE
+        equals = join_items([format_effect_title(other) for other in effect.equals]) or NONE
         for name, value in effect.parameters.items():
             values = as_words(name), format_with_si(value.value, value.unit), format_interval(value) or NONE
             told = format_confidence(effect.confidence), is_stable(report, effect), equals, shrink
-            rows.append((effect_title(effect), *values, *told))
+            rows.append((format_effect_title(effect), *values, *told))
     headers = ("", "parameter", "value", "95 % interval", "confidence", "stable", "equals", "error without → with")
     return HtmlTable(
         headers,
@@ -54,21 +54,24 @@ def is_stable(report: GapReport, effect: EffectName) -> str:
     return ("yes" if all(told) else "no") if told else NONE
 
 
-def retuned_table(report: GapReport) -> HtmlTable:
+def make_retuned_table(report: GapReport) -> HtmlTable:
     """Return the retuned parameters, largest change first."""
     rows = [make_retuned_row(entry) for entry in sorted(report.retuned, key=get_sort_key)]
     return HtmlTable(("", "factor", "change"), rows, "Of the value in the model as handed over.")
 
 
-def gap_table(series: Series, models: Models) -> HtmlTable:
+def make_gap_table(series: Series, models: Models) -> HtmlTable:
     """Return the held-out error of each joint and model."""
     errors = {name: series.by_joint(predicted) for name, predicted in models.items()}
     last = list(errors.values())[-1]
     rows = [
         (
             joint,
-            *(format_value(float(values[place]), joint_unit(joint, series.slides).si) for values in errors.values()),
-            format_value(float(series.floor[place]), joint_unit(joint, series.slides).si),
+            *(
+                format_value(float(values[place]), find_joint_unit(joint, series.slides).si)
+                for values in errors.values()
+            ),
+            format_value(float(series.floor[place]), find_joint_unit(joint, series.slides).si),
             format_figures(float(last[place] / series.floor[place])),
         )
         for place, joint in enumerate(series.joints)
@@ -77,7 +80,7 @@ def gap_table(series: Series, models: Models) -> HtmlTable:
     return HtmlTable(headers, rows, "Open-loop RMSE of positions, over all held-out episodes.")
 
 
-def joints_table(report: GapReport) -> list[HtmlTable]:
+def make_joints_table(report: GapReport) -> list[HtmlTable]:
     """Return the gap of the given model beside trivial baselines."""
     found = report.find
     if not found or not found.joints:
@@ -101,7 +104,7 @@ def make_joint_row(joint: str, gap: JointGap) -> tuple[str, ...]:
     return (joint, *told, format_figures(gap.ratio_to_noise))
 
 
-def regimes_table(report: GapReport) -> list[HtmlTable]:
+def make_regimes_table(report: GapReport) -> list[HtmlTable]:
     """Return the conditions with significantly larger errors."""
     found = report.find
     units = {joint: gap.unit for joint, gap in found.joints.items()} if found else {}
@@ -126,7 +129,7 @@ def make_condition_row(entry: Bin, units: Mapping[str, str]) -> tuple[str, ...]:
     return entry.joint, condition, *errors, f"{100 * entry.share:.0f} %"
 
 
-def audit_facts(report: GapReport) -> list[Facts]:
+def make_audit_facts(report: GapReport) -> list[Facts]:
     """Return the results of the audits."""
     found = report.find
     entries: dict[str, str] = {}
@@ -136,7 +139,7 @@ def audit_facts(report: GapReport) -> list[Facts]:
     return [Facts(entries)] if entries else []
 
 
-def experiments_table(report: GapReport) -> list[HtmlTable]:
+def make_experiments_table(report: GapReport) -> list[HtmlTable]:
     """Return all experiments that were compared."""
     rows = [
         (
@@ -151,7 +154,7 @@ def experiments_table(report: GapReport) -> list[HtmlTable]:
     return [HtmlTable(("", "joints", "length", "difference"), rows, note)] if rows else []
 
 
-def made_from(report: GapReport) -> Facts:
+def describe_origin(report: GapReport) -> Facts:
     """Return the input of a report, and the command that reproduces it."""
     episodes, source = report.episodes, report.made_from
     entries = {

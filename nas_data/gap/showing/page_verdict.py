@@ -6,7 +6,7 @@ from typing import Literal
 
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_parts import GapErrors, Retuned, Unexplained
-from nas_data.gap.showing.page_words import LIKELY, effect_title, format_figures, format_value, join_items
+from nas_data.gap.showing.page_words import LIKELY, format_effect_title, format_figures, format_value, join_items
 
 
 def describe_verdict(report: GapReport) -> str:
@@ -106,7 +106,7 @@ def describe_model(report: GapReport) -> str:
 
 def describe_missing(report: GapReport) -> str:
     """Return the beginning of a sentence with the missing effects."""
-    effects = [effect_title(effect) for effect in report.effects]
+    effects = [format_effect_title(effect) for effect in report.effects]
     doubt = "probably " if min(effect.confidence for effect in report.effects) < LIKELY else ""
     part = "in part " if report.verdict == "partly_explained" else ""
     added = "it" if len(effects) == 1 else "them"
@@ -150,7 +150,7 @@ def get_sort_key(factor: Retuned) -> float:
     return -abs(math.log(factor.factor))
 
 
-def score_basis(report: GapReport) -> str:
+def describe_score_basis(report: GapReport) -> str:
     """Return the model to which errors called after belong."""
     gap = report.gap
     alone = gap.after if gap.after_model_xml is None else gap.after_model_xml

@@ -60,7 +60,7 @@ def as_words(name: str) -> str:
     return name.replace("_", " ")
 
 
-def effect_title(effect: EffectName) -> str:
+def format_effect_title(effect: EffectName) -> str:
     """Return an effect with its joint, for example `backlash in m3`."""
     return f"{as_words(effect.name)} in {effect.joint}" if effect.joint else f"{as_words(effect.name)} (whole arm)"
 
@@ -90,7 +90,10 @@ def list_remarks(effect: NamedEffect) -> list[str]:
 def describe_alternatives(effect: NamedEffect) -> list[str]:
     """Return the errors of the alternatives."""
     unit = effect.evidence.unit
-    told = [f"{effect_title(other)} ({format_value(other.heldout_error_after, unit)})" for other in effect.alternatives]
+    told = [
+        f"{format_effect_title(other)} ({format_value(other.heldout_error_after, unit)})"
+        for other in effect.alternatives
+    ]
     return [f"In its place, this error would be left by {join_items(told)}."] if told else []
 
 

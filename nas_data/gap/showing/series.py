@@ -8,7 +8,7 @@ from typing import BinaryIO
 import numpy as np
 
 from nas_data.errors import OptionError
-from nas_data.joint_units import JointUnit, kinds_of
+from nas_data.joint_units import JointUnit, group_by_kind
 
 SERIES = "series.npz"
 
@@ -58,7 +58,7 @@ class Series:
     @property
     def kinds(self) -> list[tuple[JointUnit, np.ndarray]]:
         """Kinds of joints with their indices; pooled errors are those of the first."""
-        return kinds_of(self.joints, self.slides)
+        return group_by_kind(self.joints, self.slides)
 
     @property
     def over(self) -> str:

@@ -16,7 +16,7 @@ from typing import Any, Self
 import numpy as np
 
 from nas_data.errors import ArmError, BadReply, ServoRefused, ServoSilent
-from nas_data.hardware.arms.port_errors import busy, lost_port_error, refusal
+from nas_data.hardware.arms.port_errors import make_busy_error, make_lost_port_error, make_port_error
 from nas_data.hardware.arms.safety import OPENER
 
 ATTEMPTS = 3
@@ -128,9 +128,9 @@ class Line:
             port.ser.exclusive = True
         except OSError:
             port.closePort()
-            raise busy(port.port_name) from None
+            raise make_busy_error(port.port_name) from None
         if port.port_name.startswith(PSEUDO_TERMINALS):
-            _be_lenient(port)
+            _extend_timeout(port)
 
     def read(self, identity: int, register: Register) -> int:
         """Return the value of a register; raises like `read_bytes`."""
@@ -281,7 +281,7 @@ class Line:
             yield
 
 
-def _be_lenient(port: Any) -> None:
+def _extend_timeout(port: Any) -> None:
     """Extend the timeout of a port, and let it sleep while it waits."""
     usual = port.setPacketTimeout
 
@@ -306,7 +306,7 @@ def report_lost_port(path: str) -> Iterator[None]:
     except (OSError, termios.error, TypeError) as error:  # a closed port has no descriptor
         if isinstance(error, ConnectionError) and error.errno not in {errno.EIO, errno.ENODEV}:
             raise  # LeRobot raises it for a servo that does not answer
-        raise lost_port_error(path) from error
+        raise make_lost_port_error(path) from error
 
 
 def guard_options(table: StopRegisters, ids: Sequence[int], port: str) -> dict[str, object]:
@@ -326,5 +326,5 @@ def open_line(table: Mapping[str, Any], ids: Sequence[int], port: str) -> Line:
     try:
         handler.setBaudRate(known.baud)
     except (OSError, ValueError) as error:
-        raise refusal(port, error) from None
+        raise make_port_error(port, error) from None
     return Line(known, ids, handler, sdk.PacketHandler(known.protocol))

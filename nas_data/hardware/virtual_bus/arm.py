@@ -12,7 +12,7 @@ from nas_data.hardware.virtual_bus.body import Mounting, SimulatedBody
 from nas_data.hardware.virtual_bus.chain import ServoChain
 from nas_data.hardware.virtual_bus.kinds.base import find_kind
 from nas_data.hardware.virtual_bus.servo import VirtualServo
-from nas_data.hardware.xl320.ergojr import ergojr_joints
+from nas_data.hardware.xl320.ergojr import make_ergojr_joints
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.engines import load_simulator
 
@@ -119,7 +119,7 @@ class VirtualArm:
             effects: Effects of the simulated arm that its model lacks.
             offsets: Mounting offset of each servo's horn [ticks]; zero if empty.
         """
-        joints = ergojr_joints(tuple(-offset for offset in offsets))
+        joints = make_ergojr_joints(tuple(-offset for offset in offsets))
         robot = replace(find_robot("ergojr"), edit=_extend_limits)
         return cls(effects, [VirtualServo(identity) for identity in joints.ids], robot, joints, LYING)
 
@@ -135,7 +135,7 @@ class VirtualArm:
         """
         known = find_robot(model)
         joints = tuple(one.joint for one in mounted)
-        robot = replace(known, joints=joints, edit=_chain(known.edit, _extend_hinge_limits))
+        robot = replace(known, joints=joints, edit=_chain_edits(known.edit, _extend_hinge_limits))
         return cls(effects, [one.servo() for one in mounted], robot, Encoders.of(mounted), np.array(lying))
 
 
@@ -152,7 +152,7 @@ def _extend_hinge_limits(spec: mujoco.MjSpec) -> None:
             joint.range = np.array([-np.pi, np.pi])
 
 
-def _chain(
+def _chain_edits(
     first: Callable[[mujoco.MjSpec], None] | None, then: Callable[[mujoco.MjSpec], None]
 ) -> Callable[[mujoco.MjSpec], None]:
     def edit(spec: mujoco.MjSpec) -> None:

@@ -10,7 +10,7 @@ from nas_data.hardware.virtual_bus.kinds.base import ServoDrive, ServoMeasuremen
 from nas_data.hardware.virtual_bus.servo import VirtualServo
 from nas_data.robots.base import Robot
 from nas_data.simulators.base import Simulator
-from nas_data.simulators.layout import actuator_index, joint_index
+from nas_data.simulators.layout import find_actuator_index, find_joint_index
 
 LONGEST = 2.0  # [s] most simulated time to catch up after the process was suspended
 
@@ -58,7 +58,7 @@ class SimulatedBody:
         self.time = self._renewed = 0.0
         self.renewal = 0.0
         self._step_time = simulator.period
-        self._gain, self._strength = gains_and_strengths(robot, self.servos)
+        self._gain, self._strength = read_gains_and_limits(robot, self.servos)
         self._duty = np.zeros(len(self.servos))
         self._goal: np.ndarray = self.positions.copy()
         self._pace: np.ndarray = np.zeros(len(self.servos))
@@ -154,13 +154,13 @@ class SimulatedBody:
         self._goal, self._pace = np.where(self._powered, self._goal + moved, positions), moved / step
 
 
-def gains_and_strengths(robot: Robot, servos: Sequence[VirtualServo]) -> tuple[np.ndarray, np.ndarray]:
+def read_gains_and_limits(robot: Robot, servos: Sequence[VirtualServo]) -> tuple[np.ndarray, np.ndarray]:
     """Return gain [N m/rad] and largest torque [N m] of each joint's servo in the model, shape (n,) each.
 
     If the model has no torque limit, the stall torque of the servo is used.
     """
     model, name = robot.spec().compile(), robot.name
-    places = [actuator_index(model, joint_index(model, joint, name), name) for joint in robot.joints]
+    places = [find_actuator_index(model, find_joint_index(model, joint, name), name) for joint in robot.joints]
     stall = [servo.kind.stall_torque for servo in servos]
     limits = np.where(model.actuator_forcelimited[places], model.actuator_forcerange[places, 1], stall)
     return model.actuator_gainprm[places, 0].copy(), limits

@@ -84,12 +84,12 @@ class ServoChain:
 
     def _sync_read(self, parameters: bytes) -> list[Reply]:
         """Answer in order; after a missing servo no later one answers."""
-        address, length, ids = *self._range(parameters), parameters[2 * self._protocol.width :]
+        address, length, ids = *self._parse_address_range(parameters), parameters[2 * self._protocol.width :]
         return self._read_each([(identity, address, length) for identity in ids])
 
     def _bulk_read(self, parameters: bytes) -> list[Reply]:
         entries = [parameters[start : start + 5] for start in range(0, len(parameters) - 4, 5)]
-        return self._read_each([(entry[0], _word(entry, 1), _word(entry, 3)) for entry in entries])
+        return self._read_each([(entry[0], _parse_word(entry, 1), _parse_word(entry, 3)) for entry in entries])
 
     def _read_each(self, wanted: Sequence[tuple[int, int, int]]) -> list[Reply]:
         replies: list[Reply] = []
@@ -103,7 +103,7 @@ class ServoChain:
         return replies
 
     def _sync_write(self, parameters: bytes) -> list[Reply]:
-        address, length = self._range(parameters)
+        address, length = self._parse_address_range(parameters)
         for start in range(2 * self._protocol.width, len(parameters) - length, length + 1):
             for servo in self.find_servos(parameters[start]):
                 servo.write(address, parameters[start + 1 : start + 1 + length])
@@ -112,7 +112,7 @@ class ServoChain:
     def _bulk_write(self, parameters: bytes) -> list[Reply]:
         start = 0
         while start + 5 <= len(parameters):
-            address, length = _word(parameters, start + 1), _word(parameters, start + 3)
+            address, length = _parse_word(parameters, start + 1), _parse_word(parameters, start + 3)
             for servo in self.find_servos(parameters[start]):
                 servo.write(address, parameters[start + 5 : start + 5 + length])
             start += 5 + length
@@ -122,7 +122,7 @@ class ServoChain:
         byte = servo.kind.error_byte(servo, error)
         return Reply(self._protocol.status(servo.get("id"), byte, data), servo.get("return_delay") * DELAY_UNIT)
 
-    def _range(self, parameters: bytes) -> tuple[int, int]:
+    def _parse_address_range(self, parameters: bytes) -> tuple[int, int]:
         """Return address and length, with which parameters begin."""
         return self._protocol.number(parameters, 0), self._protocol.number(parameters, 1)
 
@@ -132,7 +132,7 @@ class ServoChain:
     def _read(self, servo: VirtualServo, parameters: bytes) -> tuple[Error, bytes]:
         if len(parameters) != 2 * self._protocol.width:
             return Error.DATA_LENGTH, b""
-        return servo.read(*self._range(parameters))
+        return servo.read(*self._parse_address_range(parameters))
 
     def _write(self, servo: VirtualServo, parameters: bytes) -> tuple[Error, bytes]:
         return servo.write(self._protocol.number(parameters, 0), parameters[self._protocol.width :]), b""
@@ -145,5 +145,5 @@ def _drop_none(replies: Sequence[Reply | None]) -> list[Reply]:
     return [reply for reply in replies if reply is not None]
 
 
-def _word(parameters: bytes, start: int) -> int:
+def _parse_word(parameters: bytes, start: int) -> int:
     return int.from_bytes(parameters[start : start + 2], "little")

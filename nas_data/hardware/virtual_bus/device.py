@@ -8,7 +8,7 @@ from nas_data.hardware.virtual_bus.arm import VirtualArm
 from nas_data.hardware.virtual_bus.clock import BusClock
 from nas_data.hardware.virtual_bus.faults.base import Fault
 from nas_data.hardware.virtual_bus.packet import Packet
-from nas_data.hardware.virtual_bus.wire import seconds, transmit
+from nas_data.hardware.virtual_bus.wire import compute_transmission_time, transmit
 
 SILENCE = 0.002  # [s] pause after which an incomplete packet is dropped
 
@@ -82,7 +82,7 @@ class Device:
             data = fault.instruction(data, self._rng)
         spent, sent = 0.0, list[tuple[float, bytes]]()
         for packet in self._reader.feed(data):
-            spent += seconds(len(packet.encode()), self._baud) if self._wire_delay else 0.0
+            spent += compute_transmission_time(len(packet.encode()), self._baud) if self._wire_delay else 0.0
             answers = self._answer(packet)
             sent += [(spent + after, content) for after, content in answers]
             spent = sent[-1][0] if answers else spent

@@ -19,15 +19,15 @@ class FeetechPacket(Packet):
     def encode(self) -> bytes:
         """Return the bytes on the wire."""
         content = bytes([self.id, len(self.parameters) + 2, self.instruction]) + self.parameters
-        return HEADER + content + bytes([checksum(content)])
+        return HEADER + content + bytes([compute_checksum(content)])
 
 
-def checksum(content: bytes) -> int:
+def compute_checksum(content: bytes) -> int:
     """Return the checksum of the bytes between header and checksum: the complement of their sum, one byte."""
     return ~sum(content) & 0xFF
 
 
-def status(identity: int, error: int = 0, data: bytes = b"") -> bytes:
+def encode_status(identity: int, error: int = 0, data: bytes = b"") -> bytes:
     """Return the bytes of a status packet."""
     return FeetechPacket(identity, error, data).encode()
 
@@ -73,5 +73,5 @@ class FeetechReader:
 
 def decode(whole: bytes) -> FeetechPacket:
     """Decode the bytes of one packet, from header to checksum."""
-    is_valid = checksum(whole[2:-1]) == whole[-1]
+    is_valid = compute_checksum(whole[2:-1]) == whole[-1]
     return FeetechPacket(whole[2], whole[4], whole[5:-1], is_valid)

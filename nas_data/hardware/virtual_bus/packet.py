@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Protocol
 
-from nas_data.hardware.virtual_bus.crc import crc16
+from nas_data.hardware.virtual_bus.crc import compute_crc16
 
 HEADER = b"\xff\xff\xfd\x00"
 STUFFED = b"\xff\xff\xfd"  # in the content an additional 0xFD follows it, so that the content contains no header
@@ -67,10 +67,10 @@ class Packet:
         """Return the bytes on the wire."""
         content = stuff(bytes([self.instruction]) + self.parameters)
         head = HEADER + bytes([self.id]) + (len(content) + 2).to_bytes(2, "little")
-        return head + content + crc16(head + content).to_bytes(2, "little")
+        return head + content + compute_crc16(head + content).to_bytes(2, "little")
 
 
-def status(identity: int, error: int = 0, data: bytes = b"") -> bytes:
+def encode_status(identity: int, error: int = 0, data: bytes = b"") -> bytes:
     """Return the bytes of a status packet."""
     return Packet(identity, Instruction.STATUS, bytes([error]) + data).encode()
 
@@ -142,5 +142,5 @@ class Protocol2Reader:
 def decode(whole: bytes) -> Packet:
     """Decode the bytes of one packet, from header to checksum."""
     content = unstuff(whole[PREFIX:-2])
-    is_valid = crc16(whole[:-2]) == int.from_bytes(whole[-2:], "little")
+    is_valid = compute_crc16(whole[:-2]) == int.from_bytes(whole[-2:], "little")
     return Packet(whole[4], content[0], content[1:], is_valid)

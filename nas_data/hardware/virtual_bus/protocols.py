@@ -30,7 +30,7 @@ class PacketProtocol:
         return int.from_bytes(parameters[index * self.width : (index + 1) * self.width], "little")
 
 
-PROTOCOL_2 = PacketProtocol(2, packet.Protocol2Reader, packet.status, ping_has_model=True, answers_errors=True)
+PROTOCOL_2 = PacketProtocol(2, packet.Protocol2Reader, packet.encode_status, ping_has_model=True, answers_errors=True)
 FEETECH = PacketProtocol(
-    1, feetech_packet.FeetechReader, feetech_packet.status, ping_has_model=False, answers_errors=False
+    1, feetech_packet.FeetechReader, feetech_packet.encode_status, ping_has_model=False, answers_errors=False
 )

@@ -7,7 +7,7 @@ from nas_data.hardware.virtual_bus.chain import Reply
 BITS = 10  # bits per byte on the wire: start bit, eight data bits, stop bit
 
 
-def seconds(count: int, baud: int) -> float:
+def compute_transmission_time(count: int, baud: int) -> float:
     """Return the transmission time of `count` bytes [s] at a baud rate [bit/s]."""
     return count * BITS / baud
 
@@ -26,7 +26,7 @@ def transmit(replies: Sequence[Reply], baud: int) -> list[tuple[float, bytes]]:
     for group in _group(replies):
         begin = sent[-1][0] if sent else 0.0
         for index, reply in enumerate(sorted(group, key=lambda reply: reply.pause)):
-            end = begin + reply.pause + seconds(len(reply.content), baud)
+            end = begin + reply.pause + compute_transmission_time(len(reply.content), baud)
             if index and begin + reply.pause < sent[-1][0]:  # the other servo is still sending
                 sent[-1] = (max(end, sent[-1][0]), collide(sent[-1][1], reply.content))
             else:

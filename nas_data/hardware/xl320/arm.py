@@ -16,7 +16,7 @@ from nas_data.hardware.xl320.control_table import FEEDBACK, FEEDBACK_SIZE, HEALT
 from nas_data.hardware.xl320.fitness import refuse_outside, refuse_unfit
 from nas_data.hardware.xl320.joints import Joints
 from nas_data.hardware.xl320.port import open_port
-from nas_data.hardware.xl320.survey import FoundServo, no_answer_error, survey
+from nas_data.hardware.xl320.survey import FoundServo, make_no_answer_error, survey
 from nas_data.hardware.xl320.units import HIGHEST, VOLT
 
 
@@ -123,7 +123,7 @@ class Xl320Arm:
             self.retries += not self.sequential
             start = self._now()
             answers = self._read_one_by_one()
-        return self._reading(answers, (start + self._now()) / 2)
+        return self._decode_reading(answers, (start + self._now()) / 2)
 
     def health(self, identity: int) -> Health:
         """Read voltage, temperature and hardware error of one servo; raises like `Bus.read`."""
@@ -216,10 +216,10 @@ class Xl320Arm:
             return [self.bus.read(identity, FEEDBACK, FEEDBACK_SIZE) for identity in self.joints.ids]
         except ServoSilent:
             if not any(self.bus.ping(identity) for identity in self.joints.ids):
-                raise no_answer_error(self.port) from None
+                raise make_no_answer_error(self.port) from None
             raise
 
-    def _reading(self, answers: Sequence[Answer], when: float) -> Reading:
+    def _decode_reading(self, answers: Sequence[Answer], when: float) -> Reading:
         raw = b"".join(answer.data for answer in answers)
         words = np.frombuffer(raw, "<u2").reshape(-1, 3).astype(int)
         alerts = tuple(i for i, answer in zip(self.joints.ids, answers, strict=True) if answer.alert)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from dynamixel_sdk import COMM_SUCCESS, GroupSyncWrite, PacketHandler
 
 from nas_data.errors import BadReply, ServoRefused, ServoSilent
-from nas_data.hardware.arms.port_errors import lost_port_error
+from nas_data.hardware.arms.port_errors import make_lost_port_error
 from nas_data.hardware.xl320.control_table import REGISTERS
 from nas_data.hardware.xl320.port import Port
 
@@ -216,4 +216,4 @@ class Bus:
             self.port.drain()
             yield
         except (OSError, termios.error) as error:
-            raise lost_port_error(self.port.port_name) from error
+            raise make_lost_port_error(self.port.port_name) from error

@@ -25,7 +25,7 @@ def default_path(robot: str, name: str) -> Path:
     return (folder / "robots" / robot / f"{name}.json").expanduser()
 
 
-def offsets_at_zero(joints: Joints, raw: np.ndarray) -> tuple[int, ...]:
+def compute_zero_offsets(joints: Joints, raw: np.ndarray) -> tuple[int, ...]:
     """Return the zero offsets [ticks] of an arm that is in its zero pose.
 
     Args:

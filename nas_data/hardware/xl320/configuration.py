@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass
 
 from nas_data.errors import OptionError
 from nas_data.hardware.xl320.bus import Bus
-from nas_data.hardware.xl320.units import speed_units
+from nas_data.hardware.xl320.units import encode_speed_limit
 
 FULL = 1023
 
@@ -61,7 +61,7 @@ class Configuration:
             "p_gain": self.p_gain,
             "i_gain": self.i_gain,
             "d_gain": self.d_gain,
-            "moving_speed": speed_units(self.speed) if self.speed else 0,
+            "moving_speed": encode_speed_limit(self.speed) if self.speed else 0,
             "torque_limit": round(self.torque * FULL),
         }
 

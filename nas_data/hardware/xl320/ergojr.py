@@ -11,7 +11,7 @@ DIRECT = {"m1": True, "m2": False, "m3": False, "m4": True, "m5": False, "m6": F
 
 
 @cache
-def ergojr_joints(offsets: tuple[int, ...] = ()) -> Joints:
+def make_ergojr_joints(offsets: tuple[int, ...] = ()) -> Joints:
     """Return the joints of the ErgoJr, with the limits of its model.
 
     Args:

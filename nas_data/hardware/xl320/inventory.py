@@ -8,7 +8,13 @@ from nas_data.hardware.xl320.arm import Xl320Arm
 from nas_data.hardware.xl320.control_table import MODEL_NUMBER
 from nas_data.hardware.xl320.fitness import refuse_outside, refuse_unfit
 from nas_data.hardware.xl320.joints import Joints
-from nas_data.hardware.xl320.survey import FoundServo, find_answering, no_answer_error, read_servo, refuse_duplicates
+from nas_data.hardware.xl320.survey import (
+    FoundServo,
+    find_answering,
+    make_no_answer_error,
+    read_servo,
+    refuse_duplicates,
+)
 
 
 @dataclass(frozen=True)
@@ -33,7 +39,7 @@ def take_inventory(arm: Xl320Arm) -> Inventory:
     """
     answering = set(arm.bus.broadcast_ping()) | set(find_answering(arm.bus, arm.joints.ids))
     if not answering:
-        raise no_answer_error(arm.port)
+        raise make_no_answer_error(arm.port)
     problems, servos = [], []
     for identity in sorted(answering):
         try:

@@ -6,7 +6,7 @@ import serial
 from dynamixel_sdk import PortHandler
 
 from nas_data.hardware.arms.line import PSEUDO_TERMINALS
-from nas_data.hardware.arms.port_errors import refusal
+from nas_data.hardware.arms.port_errors import make_port_error
 
 BAUD = 1_000_000  # [bit/s] factory setting of an XL-320
 PATIENCE = 0.02  # [s] timeout of a reply in addition to its transmission time; USB latency timers take up to 16 ms
@@ -57,5 +57,5 @@ def open_port(path: str, baud: int = BAUD) -> Port:
     try:
         port.setBaudRate(baud)
     except (OSError, ValueError) as error:
-        raise refusal(path, error) from None
+        raise make_port_error(path, error) from None
     return port

@@ -68,7 +68,7 @@ def survey(bus: Bus, identities: Sequence[int]) -> list[FoundServo]:
     """
     answering = find_answering(bus, identities)
     if not answering:
-        raise no_answer_error(bus.port.port_name)
+        raise make_no_answer_error(bus.port.port_name)
     refuse_duplicates(bus, answering)
     missing = [str(identity) for identity in identities if identity not in answering]
     if missing:
@@ -105,7 +105,7 @@ def refuse_duplicates(bus: Bus, identities: Sequence[int]) -> None:
             )
 
 
-def no_answer_error(port: str) -> ArmError:
+def make_no_answer_error(port: str) -> ArmError:
     """Return the error if no servo answers."""
     return NobodyAnswers(
         f"No servo answers on {port}; switch the supply on (7.4 V), check the plug of the first servo, and that it is "

@@ -30,6 +30,6 @@ def encode_sign_magnitude(value: float) -> int:
     return magnitude | SIGN if value < 0 and magnitude else magnitude
 
 
-def speed_units(speed: float) -> int:
+def encode_speed_limit(speed: float) -> int:
     """Return the moving speed register for a speed limit [rad/s]: at least 1, because 0 means unlimited."""
     return int(np.clip(round(speed / SPEED_UNIT), 1, SIGN - 1))

@@ -10,7 +10,7 @@ from nas_data.importing.layout import LogLayout
 from nas_data.importing.table import LogTable
 
 Content = TypeVar("Content")
-FORMATS = registry.names("importing.formats")
+FORMATS = registry.list_names("importing.formats")
 
 
 class Format(Protocol):
@@ -32,17 +32,17 @@ class Bag(Protocol):
 
 def find_format(name: str) -> Format:
     """Return a format by its name."""
-    return cast(Format, registry.module("importing.formats", name, "format"))
+    return cast(Format, registry.import_plugin("importing.formats", name, "format"))
 
 
-def folder_kind(name: str) -> str:
+def find_folder_kind(name: str) -> str:
     """Return the word for a log of a format that is a folder; empty if logs are files."""
     return str(getattr(find_format(name), "FOLDER", ""))
 
 
 def is_folder_log(path: Path, name: str) -> bool:
     """Return whether a folder is one log of a format."""
-    return bool(folder_kind(name)) and path.is_dir() and bool(getattr(find_format(name), "is_log")(path))  # noqa: B009
+    return bool(find_folder_kind(name)) and path.is_dir() and bool(getattr(find_format(name), "is_log")(path))  # noqa: B009
 
 
 def read_tables(path: Path, layout: LogLayout) -> dict[str, LogTable]:
@@ -65,9 +65,9 @@ def _read(path: Path, layout: LogLayout, reader: Callable[[Path, LogLayout], Con
     """Read a file or folder; raise LogError with a remedy if that fails."""
     known = find_format(layout.format)
     folder = is_folder_log(path, layout.format)
-    if not folder and folder_kind(layout.format) and not (path.is_file() and known.SUFFIXES):
-        there = "there is no such folder" if not path.exists() else f"it is no {folder_kind(layout.format)[2:]}"
-        raise LogError(f"{path} cannot be read: {there}; give {folder_kind(layout.format)}.")
+    if not folder and find_folder_kind(layout.format) and not (path.is_file() and known.SUFFIXES):
+        there = "there is no such folder" if not path.exists() else f"it is no {find_folder_kind(layout.format)[2:]}"
+        raise LogError(f"{path} cannot be read: {there}; give {find_folder_kind(layout.format)}.")
     if not path.is_file() and not folder:
         raise LogError(f"There is no file {path}; give a recorded log.")
     if not folder and path.suffix.lower() not in known.SUFFIXES:

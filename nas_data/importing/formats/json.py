@@ -27,7 +27,7 @@ def read(path: Path, layout: LogLayout) -> LogTable:
         columns = _from_rows(path, content[layout.entries])
         return LogTable(path, columns, {key: value for key, value in content.items() if key != layout.entries})
     lists = {key: value for key, value in content.items() if isinstance(value, list)}
-    columns = {key: _column(path, key, value) for key, value in lists.items()}
+    columns = {key: _make_column(path, key, value) for key, value in lists.items()}
     return LogTable(path, columns, {key: value for key, value in content.items() if key not in lists})
 
 
@@ -59,10 +59,10 @@ def _from_rows(path: Path, rows: object) -> dict[str, pa.Array]:
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise LogError(f'{path} holds no list of objects as rows; each row must be an object like {{"time": 0.0}}.')
     names = list(dict.fromkeys(name for row in rows for name in row))
-    return {name: _column(path, name, [row.get(name) for row in rows]) for name in names}
+    return {name: _make_column(path, name, [row.get(name) for row in rows]) for name in names}
 
 
-def _column(path: Path, name: str, values: list[object]) -> pa.Array:
+def _make_column(path: Path, name: str, values: list[object]) -> pa.Array:
     """Return a column; values of mixed types become text, which is an error only if the column is read."""
     try:
         return pa.array(values)

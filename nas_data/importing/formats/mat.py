@@ -25,7 +25,7 @@ def read(path: Path, layout: LogLayout) -> LogTable:
         raise LogError(f"{path} cannot be read as mat ({error}); save it again with save(…, '-v7').") from None
     columns: dict[str, np.ndarray] = {}
     constants: dict[str, object] = {}
-    for name, value in _variables({key: value for key, value in content.items() if not key.startswith("__")}):
+    for name, value in _flatten_structs({key: value for key, value in content.items() if not key.startswith("__")}):
         if value.dtype.kind in "US" and value.size == 1:
             constants[name] = str(value.item())
         elif value.size == 1:
@@ -35,13 +35,13 @@ def read(path: Path, layout: LogLayout) -> LogTable:
     return LogTable(path, columns, constants)
 
 
-def _variables(variables: dict[str, np.ndarray], inside: str = "") -> Iterator[tuple[str, np.ndarray]]:
+def _flatten_structs(variables: dict[str, np.ndarray], inside: str = "") -> Iterator[tuple[str, np.ndarray]]:
     """Yield numeric and text arrays by name; fields of structs are prefixed with the struct's name."""
     for key, value in variables.items():
         name = f"{inside}.{key}" if inside else key
         if value.dtype.names and value.size == 1:
             record = value.ravel()[0]
-            yield from _variables({field: np.asarray(record[field]) for field in value.dtype.names}, name)
+            yield from _flatten_structs({field: np.asarray(record[field]) for field in value.dtype.names}, name)
         elif value.dtype == object and all(np.asarray(cell).dtype.kind in "US" for cell in value.ravel()):
             yield name, np.array([str(np.asarray(cell).ravel()[0]) for cell in value.ravel()])
         elif value.dtype.kind in "biufUS":

@@ -21,7 +21,7 @@ SUFFIXES = (".mcap",)
 def read_topics(path: Path, layout: LogLayout) -> dict[str, LogTable]:
     """Read the topics that a map names."""
     try:
-        return to_tables(path, dict(layout.topics), _messages(path, layout))
+        return to_tables(path, dict(layout.topics), _read_messages(path, layout))
     except McapError as error:
         reason = (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
         raise LogError(
@@ -30,20 +30,20 @@ def read_topics(path: Path, layout: LogLayout) -> dict[str, LogTable]:
         ) from None
 
 
-def _messages(path: Path, layout: LogLayout) -> Iterator[tuple[str, int, object]]:
+def _read_messages(path: Path, layout: LogLayout) -> Iterator[tuple[str, int, object]]:
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[Ros2(), _Json()])
         there = {channel.topic for channel in summary.channels.values()} if (summary := reader.get_summary()) else set()
         missing = next((topic for topic in layout.topics.values() if summary and topic not in there), None)
         if missing is not None:
             raise LogError(
-                f"{path} has no topic '{missing}', which [topics] of the map names; it has: {_listed(there)}."
+                f"{path} has no topic '{missing}', which [topics] of the map names; it has: {_format_topics(there)}."
             )
         for _, channel, message, decoded in reader.iter_decoded_messages(topics=list(layout.topics.values())):
             yield channel.topic, message.log_time, decoded
 
 
-def _listed(topics: set[str]) -> str:
+def _format_topics(topics: set[str]) -> str:
     return ", ".join(sorted(topics)) or "none"
 
 

@@ -23,7 +23,7 @@ def read(path: Path, layout: LogLayout) -> LogTable:
         raise LogError(f"{path} is not an NPZ archive; write it with numpy.savez.")
     try:
         with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: _array(archive, name) for name in archive.files}
+            arrays = {name: _read_array(archive, name) for name in archive.files}
     except (zipfile.BadZipFile, zlib.error) as error:
         raise LogError(f"{path} is damaged: {error}; take it from a copy.") from None
     found = {name: array for name, array in arrays.items() if array is not None}
@@ -32,7 +32,7 @@ def read(path: Path, layout: LogLayout) -> LogTable:
     return LogTable(path, columns, constants, dict.fromkeys(arrays.keys() - found.keys(), OBJECTS))
 
 
-def _array(archive: np.lib.npyio.NpzFile, name: str) -> np.ndarray | None:
+def _read_array(archive: np.lib.npyio.NpzFile, name: str) -> np.ndarray | None:
     """Return an array; None if it would have to be unpickled."""
     try:
         return archive[name]

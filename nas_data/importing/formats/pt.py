@@ -26,7 +26,7 @@ def read(path: Path, layout: LogLayout) -> LogTable:
         raise LogError(f"{path} holds a {type(content).__name__}, not tensors by their names; {REMEDY}.")
     columns: dict[str, np.ndarray] = {}
     constants: dict[str, object] = {}
-    for name, value in _values(content):
+    for name, value in _flatten_mappings(content):
         array = value.detach().numpy() if isinstance(value, torch.Tensor) else np.asarray(value)
         if array.ndim:
             columns[name] = array
@@ -35,11 +35,11 @@ def read(path: Path, layout: LogLayout) -> LogTable:
     return LogTable(path, columns, constants)
 
 
-def _values(content: Mapping[object, object], inside: str = "") -> Iterator[tuple[str, object]]:
+def _flatten_mappings(content: Mapping[object, object], inside: str = "") -> Iterator[tuple[str, object]]:
     """Yield values by name; values of nested mappings are prefixed with the mapping's name."""
     for key, value in content.items():
         name = f"{inside}.{key}" if inside else str(key)
         if isinstance(value, Mapping):
-            yield from _values(value, name)
+            yield from _flatten_mappings(value, name)
         elif value is not None:
             yield name, value

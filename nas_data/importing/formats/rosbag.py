@@ -12,7 +12,7 @@ from nas_data.errors import LogError
 from nas_data.importing.layout import LogLayout
 from nas_data.importing.messages import to_tables
 from nas_data.importing.table import LogTable
-from nas_data.visible_files import visible
+from nas_data.visible_files import list_visible_files
 
 SUFFIXES = (".bag",)
 FOLDER = "a ROS 2 bag"
@@ -20,20 +20,20 @@ FOLDER = "a ROS 2 bag"
 
 def is_log(path: Path) -> bool:
     """Return whether a folder is a ROS 2 bag, possibly without metadata, which recorders write last."""
-    return any(file.name == "metadata.yaml" or file.suffix in (".db3", ".mcap") for file in visible(path))
+    return any(file.name == "metadata.yaml" or file.suffix in (".db3", ".mcap") for file in list_visible_files(path))
 
 
 def read_topics(path: Path, layout: LogLayout) -> dict[str, LogTable]:
     """Read the topics that a map names."""
     try:
-        return to_tables(path, dict(layout.topics), _messages(path, layout))
+        return to_tables(path, dict(layout.topics), _read_messages(path, layout))
     except (AnyReaderError, Reader1Error, Reader2Error, FileNotFoundError) as error:
         reason = (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
         command = f"ros2 bag reindex {path}" if path.is_dir() else f"rosbag reindex {path}"
         raise LogError(f"{path} cannot be read as a bag: {reason}; copy it again, or run '{command}'.") from None
 
 
-def _messages(path: Path, layout: LogLayout) -> Iterator[tuple[str, int, object]]:
+def _read_messages(path: Path, layout: LogLayout) -> Iterator[tuple[str, int, object]]:
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
         wanted = [connection for connection in reader.connections if connection.topic in layout.topics.values()]
         there = sorted({connection.topic for connection in reader.connections})

@@ -11,12 +11,12 @@ GATES = [0, 3, 1, 2]  # order in torch: input, forget, cell, output; in ONNX: in
 INPUTS, CHANGES = "inputs", "changes"
 
 
-def hidden_name(layer: int, after: bool) -> str:
+def name_hidden_state(layer: int, after: bool) -> str:
     """Return the name of a layer's hidden state before or after the step."""
     return f"hidden{layer}_{'after' if after else 'before'}"
 
 
-def cell_name(layer: int, after: bool) -> str:
+def name_cell_state(layer: int, after: bool) -> str:
     """Return the name of a layer's cell state before or after the step."""
     return f"cell{layer}_{'after' if after else 'before'}"
 
@@ -33,7 +33,9 @@ def build_graph(model: DynamicsModel, size: int) -> ModelProto:
         size: Number of rows, B.
     """
     layers, hidden = model.lstm.num_layers, model.lstm.hidden_size
-    weights = linear_weights(model) | {key: value for k in range(layers) for key, value in lstm_weights(model, k)}
+    weights = collect_linear_weights(model) | {
+        key: value for k in range(layers) for key, value in collect_lstm_weights(model, k)
+    }
     memory = layers, (1, size, hidden)
     graph = helper.make_graph(
         build_nodes(model, layers, hidden),
@@ -53,12 +55,12 @@ def build_nodes(model: DynamicsModel, layers: int, hidden: int) -> list[NodeProt
         helper.make_node("Unsqueeze", ["read", "time"], ["read_step"]),
     ]
     for layer in range(layers):
-        source = hidden_name(layer - 1, after=True) if layer else "read_step"
-        before = [hidden_name(layer, after=False), cell_name(layer, after=False)]
-        after = ["", hidden_name(layer, after=True), cell_name(layer, after=True)]
+        source = name_hidden_state(layer - 1, after=True) if layer else "read_step"
+        before = [name_hidden_state(layer, after=False), name_cell_state(layer, after=False)]
+        after = ["", name_hidden_state(layer, after=True), name_cell_state(layer, after=True)]
         given = [source, f"w{layer}", f"r{layer}", f"b{layer}", "", *before]
         made.append(helper.make_node("LSTM", given, after, hidden_size=hidden))
-    made.append(helper.make_node("Squeeze", [hidden_name(layers - 1, after=True), "time"], ["last"]))
+    made.append(helper.make_node("Squeeze", [name_hidden_state(layers - 1, after=True), "time"], ["last"]))
     bias = "outer_bias"
     if model.shortcut is not None:
         made.append(helper.make_node("Gemm", [INPUTS, "shortcut_weight", bias], ["linear"], transB=1))
@@ -67,7 +69,7 @@ def build_nodes(model: DynamicsModel, layers: int, hidden: int) -> list[NodeProt
     return made
 
 
-def linear_weights(model: DynamicsModel) -> dict[str, np.ndarray]:
+def collect_linear_weights(model: DynamicsModel) -> dict[str, np.ndarray]:
     """Return the weights of the linear layers, including the scales of inputs and outputs."""
     input_scale, output_scale = model.inputs.std.double(), model.outputs.std.double()[:, None]
     bias, shortcut = model.outer.bias.double(), {}
@@ -83,7 +85,7 @@ def linear_weights(model: DynamicsModel) -> dict[str, np.ndarray]:
     }
 
 
-def lstm_weights(model: DynamicsModel, layer: int) -> list[tuple[str, np.ndarray]]:
+def collect_lstm_weights(model: DynamicsModel, layer: int) -> list[tuple[str, np.ndarray]]:
     """Return a layer's input and recurrent weights, shape (1, 4 hidden, …), and biases, shape (1, 8 hidden)."""
     parts = {
         name: reorder_gates(getattr(model.lstm, f"{name}_l{layer}"))
@@ -111,4 +113,6 @@ def declare(name: str, shape: tuple[int, ...]) -> ValueInfoProto:
 
 def declare_memory(layers: int, shape: tuple[int, ...], after: bool) -> list[ValueInfoProto]:
     """Return the declarations of the hidden and cell states of all layers."""
-    return [declare(name(layer, after), shape) for layer in range(layers) for name in (hidden_name, cell_name)]
+    return [
+        declare(name(layer, after), shape) for layer in range(layers) for name in (name_hidden_state, name_cell_state)
+    ]

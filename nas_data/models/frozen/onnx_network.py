@@ -4,7 +4,7 @@ import numpy as np
 import onnxruntime
 
 from nas_data.models.frozen.base import FrozenNetwork
-from nas_data.models.frozen.onnx_graph import CHANGES, INPUTS, build_graph, cell_name, hidden_name
+from nas_data.models.frozen.onnx_graph import CHANGES, INPUTS, build_graph, name_cell_state, name_hidden_state
 from nas_data.models.lstm import DynamicsModel
 
 ERRORS = 3  # ONNX Runtime's log level for errors only
@@ -61,7 +61,7 @@ class OnnxNetwork(FrozenNetwork):
         inputs: dict[str, np.ndarray] = {INPUTS: self._inputs}
         outputs: dict[str, np.ndarray] = {CHANGES: self._changes}
         for layer in range(len(before)):
-            for part, name in enumerate((hidden_name, cell_name)):
+            for part, name in enumerate((name_hidden_state, name_cell_state)):
                 inputs[name(layer, after=False)] = before[layer, part, None]
                 outputs[name(layer, after=True)] = after[layer, part, None]
         for key, array in inputs.items():

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nas_data.envs.base import Task
-from nas_data.envs.ergo_shield import ErgoShield, touches
+from nas_data.envs.ergo_shield import ErgoShield, detect_touches
 from nas_data.errors import OptionError
 from nas_data.policies.rollouts.approach import Approach
 from nas_data.policies.rollouts.keyboard import Keyboard
@@ -78,7 +78,7 @@ class ArmSetup:
         self.check(task)
         rest = np.zeros(len(JOINTS))
         with ExitStack() as stack:
-            noticed = self._noticed(task, stack)
+            noticed = self._add_hit_source(task, stack)
             arms = [stack.enter_context(GuardedArm(self.attacker, self.clock))]
             if self.defender:
                 arms.append(stack.enter_context(GuardedArm(self.defender, self.clock)))
@@ -105,11 +105,11 @@ class ArmSetup:
         planner = self.attacker.planner
         return lambda pose: motion.approach(pose - planner.sag(pose))
 
-    def _noticed(self, task: Task, stack: ExitStack) -> Task:
+    def _add_hit_source(self, task: Task, stack: ExitStack) -> Task:
         """Return the task with its source of hits."""
         if not isinstance(task, ErgoShield):
             return task
-        touched: Callable[[Stepper], np.ndarray] = touches
+        touched: Callable[[Stepper], np.ndarray] = detect_touches
         if self.hits != SIMULATED:
             touched = stack.enter_context(Keyboard(self.hits))
         return replace(task, touched=touched, missed=self.missed)

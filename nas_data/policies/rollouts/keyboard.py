@@ -37,7 +37,7 @@ class Keyboard:
         except OSError as error:
             raise OptionError(
                 f"{path} cannot be read as a keyboard ({(error.strerror or str(error)).lower()}); give --hits one of: "
-                f"{devices()}."
+                f"{list_keyboards()}."
             ) from None
         self._path, self._held = path, False
 
@@ -48,13 +48,13 @@ class Keyboard:
             OptionError: the device is gone.
         """
         pressed = self._held
-        for kind, code, value in self._events():
+        for kind, code, value in self._read_events():
             if (kind, code) == (KEY_EVENT, KEY_S):
                 self._held = value != RELEASED
                 pressed |= self._held
         return np.array([pressed])
 
-    def _events(self) -> list[tuple[int, int, int]]:
+    def _read_events(self) -> list[tuple[int, int, int]]:
         """Return type, code and value of the new events."""
         try:
             content = os.read(self._descriptor, EVENTS * EVENT.size)
@@ -74,7 +74,7 @@ class Keyboard:
         os.close(self._descriptor)
 
 
-def devices() -> str:
+def list_keyboards() -> str:
     """Return the available keyboards as a list for a sentence."""
     found = sorted(str(path) for path in Path("/dev/input/by-id").glob("*-kbd"))
     return ", ".join([*found, "simulated"])

@@ -17,7 +17,7 @@ from nas_data.dataset.features import (
     SUCCESS,
     Feature,
     flag_feature,
-    reward_feature,
+    make_reward_feature,
 )
 from nas_data.dataset.incremental_writer import IncrementalWriter
 from nas_data.dataset.merge import concatenate
@@ -28,11 +28,16 @@ from nas_data.dataset.write_lock import hold_write_lock
 from nas_data.errors import OptionError
 from nas_data.policies.evaluate import Returns
 from nas_data.policies.rollouts.robot_stepper import Bout, RolloutTally
-from nas_data.policies.rollouts.rollout import Judgement, judgements
+from nas_data.policies.rollouts.rollout import Judgement, read_judgements
 from nas_data.recorders.arm_dataset import to_dataset
-from nas_data.recorders.under_way import complete, describe_progress, other_recording_error, recording_folder
+from nas_data.recorders.under_way import (
+    choose_recording_folder,
+    complete,
+    describe_progress,
+    make_other_recording_error,
+)
 
-FEATURES = {REWARD: reward_feature(), DONE: flag_feature(DONE), SUCCESS: flag_feature(SUCCESS)}
+FEATURES = {REWARD: make_reward_feature(), DONE: flag_feature(DONE), SUCCESS: flag_feature(SUCCESS)}
 WORDS = {  # names for the user of settings in which two series of rollouts may differ
     "how": "kind of arm",
     "kind": "kind of arm",
@@ -107,8 +112,8 @@ class Saved:
         if self._known:
             dataset = read(growing.root)
             if not FEATURES.keys() <= dataset.features.keys():
-                raise other_recording_error(growing.root, "another command", "--record")
-            self.scores = [judgement.score() for judgement in judgements(dataset)]
+                raise make_other_recording_error(growing.root, "another command", "--record")
+            self.scores = [judgement.score() for judgement in read_judgements(dataset)]
 
     def resume(self, recorder: Recorder) -> None:
         """Begin or resume a recording.
@@ -118,10 +123,10 @@ class Saved:
         """
         self._recorder = recorder
         if self._known:
-            earlier, now = identity(self._known), identity(recorder.provenance)
+            earlier, now = list_shared_settings(self._known), list_shared_settings(recorder.provenance)
             other = dict.fromkeys(word for key, word in WORDS.items() if earlier[key] != now[key])
             if other:
-                raise other_recording_error(self.growing.root, f"another {' and '.join(other)}", "--record")
+                raise make_other_recording_error(self.growing.root, f"another {' and '.join(other)}", "--record")
 
     def save(self, bouts: Sequence[Bout], judgement: Judgement) -> None:
         """Save a rollout and flush it to the disk. Call `resume` first."""
@@ -158,11 +163,11 @@ def saved_as(name: str) -> Iterator[Saved]:
         OptionError: the name is invalid, or the folder holds another kind of recording.
     """
     check_destination(name=name)
-    with hold_write_lock(root := recording_folder(name)):
+    with hold_write_lock(root := choose_recording_folder(name)):
         yield Saved(name, IncrementalWriter(root))
 
 
-def identity(provenance: Provenance) -> dict[str, object]:
+def list_shared_settings(provenance: Provenance) -> dict[str, object]:
     """Return the settings that all rollouts of a recording must share, by the keys of `WORDS`."""
     values = {**provenance.to_json(), **(provenance.target or {}), **(provenance.signal or {})}
     return {key: json.loads(json.dumps(values.get(key))) for key in WORDS}

@@ -170,9 +170,9 @@ class RobotStepper:
 
     def _read(self, unheard: int) -> None:
         """Read the arms; flag the reading if there were more bus errors than `unheard`."""
-        self._state = _state(self._attacker.record_reading(self._bout, self._due))
+        self._state = _stack_state(self._attacker.record_reading(self._bout, self._due))
         if self._defender:
-            self._opponent = _state(self._defender.sense())
+            self._opponent = _stack_state(self._defender.sense())
         self._bout.opponents.append(self._opponent)
         if self._retry.failures > unheard:
             self._bout.unheard.add(len(self._bout.readings) - 1)
@@ -226,9 +226,9 @@ class RobotStepper:
         here, _ = self._measured()
         reached = self._predict(goal + self._planner.sag(here))
         leaves = all(self._planner.leaves_contact(here, pose) for pose in ((here + reached) / 2, reached))
-        return leaves or not self._touches_soon(reached, *others)
+        return leaves or not self._is_about_to_touch(reached, *others)
 
-    def _touches_soon(self, reached: np.ndarray, *others: np.ndarray) -> bool:
+    def _is_about_to_touch(self, reached: np.ndarray, *others: np.ndarray) -> bool:
         """Return whether poses [rad], shape (n,) or (2n,), or the midpoint to the first, make a new contact."""
         here, _ = self._measured()
         poses = (
@@ -249,5 +249,5 @@ class RobotStepper:
         return np.concatenate([own[0], others[0]]), np.concatenate([own[1], others[1]])
 
 
-def _state(reading: Reading) -> np.ndarray:
+def _stack_state(reading: Reading) -> np.ndarray:
     return np.concatenate([reading.positions, reading.velocities])

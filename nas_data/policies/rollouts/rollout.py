@@ -47,7 +47,7 @@ class Judgement:
         )
 
 
-def judgements(dataset: Dataset) -> Iterator[Judgement]:
+def read_judgements(dataset: Dataset) -> Iterator[Judgement]:
     """Yield the rewards and successes of each rollout in a dataset; a rollout may have several resets."""
     ends = np.flatnonzero(dataset.columns[DONE][:, 0]) + 1
     for first, last in zip([0, *ends[:-1].tolist()], ends.tolist(), strict=False):

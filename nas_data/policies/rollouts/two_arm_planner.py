@@ -50,7 +50,7 @@ class TwoArmPlanner:
             PathBlocked: no path is free.
         """
         for planner in self._together:
-            for stops in self._orders(begin, end):
+            for stops in self._generate_orders(begin, end):
                 corners = self._plan_stops(planner, np.stack([begin, *stops]))
                 if corners is not None:
                     return corners
@@ -59,7 +59,7 @@ class TwoArmPlanner:
             "move both upright by hand (the torque is off) and start again."
         )
 
-    def _orders(self, begin: np.ndarray, end: np.ndarray) -> Iterator[list[np.ndarray]]:
+    def _generate_orders(self, begin: np.ndarray, end: np.ndarray) -> Iterator[list[np.ndarray]]:
         """Yield the poses after each move of candidate orders: directly, one arm first to rest, both first to rest."""
         rest = np.concatenate([self._alone.rest] * 2)
         orders = (self._attacker, ~self._attacker)

@@ -10,7 +10,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from nas_data.errors import OptionError
 from nas_data.reports.films.motion import Motion
-from nas_data.reports.films.scene import Scene, colour
+from nas_data.reports.films.scene import Scene, choose_colour
 from nas_data.simulators.offscreen import OffscreenRenderer
 from nas_data.whole_file import write_whole
 
@@ -65,7 +65,7 @@ class Film:
         pen.text((EDGE, EDGE), heading, INK, self._font)
         for number, ghost in enumerate(self.motion.ghosts):
             top = EDGE + LINE * (1 + number)
-            swatch = tuple(round(255 * part) for part in colour(number)[:3])
+            swatch = tuple(round(255 * part) for part in choose_colour(number)[:3])
             pen.rectangle((EDGE, top + 3, EDGE + 26, top + 15), swatch)
             error = f"   {ghost.error_text(frame, self.motion.units)}" if number else ""
             pen.text((EDGE + 36, top), ghost.name + error, INK, self._font)
@@ -76,7 +76,7 @@ class Film:
         self._pictures.close()
 
 
-def frames_between(motion: Motion, start: float, seconds: float | None, rate: float, speed: float) -> np.ndarray:
+def select_frames(motion: Motion, start: float, seconds: float | None, rate: float, speed: float) -> np.ndarray:
     """Return which frame of an episode each picture of a film shows.
 
     Args:
@@ -92,14 +92,14 @@ def frames_between(motion: Motion, start: float, seconds: float | None, rate: fl
     for name, value in (("seconds", seconds), ("rate", rate), ("speed", speed)):
         if value is not None and not 0 < value < np.inf:
             raise OptionError(f"--{name} {value:g} must be a number above 0.")
-    frame_at(motion, start, "--start")
+    find_frame(motion, start, "--start")
     last = float(motion.times[-1])
     end = last if seconds is None else min(last, start + seconds)
     times = np.arange(start, end + 1e-9, speed / rate)
     return np.minimum(np.rint(times * motion.dataset.fps).astype(int), len(motion.times) - 1)
 
 
-def frame_at(motion: Motion, seconds: float, option: str) -> int:
+def find_frame(motion: Motion, seconds: float, option: str) -> int:
     """Return the frame at a time [s after the episode's start] that an option gives.
 
     Raises:
@@ -146,7 +146,7 @@ def write_mp4(
             assert isinstance(stream, av.VideoStream)
             stream.height, stream.width = film.size
             stream.pix_fmt = "yuv420p"
-            for picture in pictures(film, frames, progress):
+            for picture in draw_pictures(film, frames, progress):
                 container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
             container.mux(stream.encode())
         partial.replace(path)
@@ -154,7 +154,7 @@ def write_mp4(
         partial.unlink(missing_ok=True)
 
 
-def pictures(
+def draw_pictures(
     film: Film, frames: Sequence[int] | np.ndarray, progress: Callable[[int, int], None]
 ) -> Iterator[np.ndarray]:
     """Yield the pictures of some frames."""

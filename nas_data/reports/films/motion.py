@@ -10,9 +10,9 @@ import numpy as np
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import kept_folders
 from nas_data.effects.base import add_effects
-from nas_data.joint_units import JointUnit, kinds_of
-from nas_data.open_loop import open_loop_scene
-from nas_data.pairing import initial_states, object_states, with_model_units
+from nas_data.joint_units import JointUnit, group_by_kind
+from nas_data.open_loop import roll_out_scene
+from nas_data.pairing import read_initial_states, read_object_states, with_model_units
 from nas_data.simulators.mujoco import MujocoSimulator
 from nas_data.sources import SourceModel, locate_source
 
@@ -86,7 +86,7 @@ class Motion:
     @property
     def units(self) -> list[JointUnit]:
         """The kinds of joints that the arm has."""
-        return [unit for unit, _ in kinds_of(self.dataset.joints, self.dataset.slides)]
+        return [unit for unit, _ in group_by_kind(self.dataset.joints, self.dataset.slides)]
 
     @property
     def worst(self) -> int:
@@ -110,14 +110,14 @@ def follow(dataset: Dataset, episode: int, models: Sequence[str] = (), engine: s
     with kept_folders(dataset) as folders:
         sources = [locate_source(model, (), folders, engine) for model in models or (None,)]
         simulators = [source.simulator(dataset) for source in sources]
-        bodies = [body_of(source, dataset) for source in sources]
+        bodies = [load_in_mujoco(source, dataset) for source in sources]
         dataset = with_model_units(dataset, bodies[0])
-        rollouts = [open_loop_scene(dataset, simulator)[0] for simulator in simulators]
-    measured = measured_states(dataset, bodies[0])
-    kinds = kinds_of(dataset.joints, dataset.slides)
+        rollouts = [roll_out_scene(dataset, simulator)[0] for simulator in simulators]
+    measured = read_measured_states(dataset, bodies[0])
+    kinds = group_by_kind(dataset.joints, dataset.slides)
     ghosts = [Ghost(MEASURED, bodies[0], measured, np.zeros((len(measured), len(kinds))))]
-    for name, simulator, body, rolled in zip(names_of(models), simulators, bodies, rollouts, strict=True):
-        states = np.concatenate([initial_states(dataset, simulator), rolled])
+    for name, simulator, body, rolled in zip(shorten_names(models), simulators, bodies, rollouts, strict=True):
+        states = np.concatenate([read_initial_states(dataset, simulator), rolled])
         n = len(dataset.joints)
         squared = np.square(states[:, :n] - measured[:, :n])
         errors = np.sqrt(np.stack([squared[:, places].mean(axis=1) for _, places in kinds], axis=1))
@@ -125,21 +125,21 @@ def follow(dataset: Dataset, episode: int, models: Sequence[str] = (), engine: s
     return Motion(episode, dataset, tuple(ghosts))
 
 
-def body_of(source: SourceModel, dataset: Dataset) -> MujocoSimulator:
+def load_in_mujoco(source: SourceModel, dataset: Dataset) -> MujocoSimulator:
     """Return the model in MuJoCo, which draws also what another engine simulates."""
     simulator = SourceModel(source.model, source.effects).simulator(dataset, threads=1)
     assert isinstance(simulator, MujocoSimulator)
     return simulator
 
 
-def measured_states(dataset: Dataset, simulator: MujocoSimulator) -> np.ndarray:
+def read_measured_states(dataset: Dataset, simulator: MujocoSimulator) -> np.ndarray:
     """Return what was measured of an episode of T transitions, its end included, shape (T + 1, 2n or 2n + m)."""
     states = np.concatenate([dataset.states[:1], dataset.next_states]).astype(float)
-    objects = object_states(dataset, simulator).astype(float)
+    objects = read_object_states(dataset, simulator).astype(float)
     return np.concatenate([states, np.concatenate([objects, objects[-1:]])], axis=1)
 
 
-def names_of(models: Sequence[str]) -> list[str]:
+def shorten_names(models: Sequence[str]) -> list[str]:
     """Return a short name of each model: its file's, or with so many folders that all differ."""
     if not models:
         return ["source"]

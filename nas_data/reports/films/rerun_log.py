@@ -16,7 +16,7 @@ import numpy as np
 from nas_data.dataset.features import ACTION, STATE
 from nas_data.errors import MissingPackage, OptionError
 from nas_data.reports.films.motion import Motion
-from nas_data.reports.films.scene import Scene, colour
+from nas_data.reports.films.scene import Scene, choose_colour
 
 ARMS, STATES, SIMULATED, ERRORS = "ghosts", "state", "sim_state", "error"
 
@@ -59,7 +59,7 @@ class RerunLog:
         """Show or write an episode."""
         rerun = self._rerun
         stream = rerun.RecordingStream(self._name)
-        layout = blueprint(motion)
+        layout = make_blueprint(motion)
         if self._path is None:
             stream.spawn(default_blueprint=layout)
         else:
@@ -77,12 +77,12 @@ def log_signals(motion: Motion) -> None:
     send(ACTION, motion, dataset.commands)
     send(STATES, motion, motion.ghosts[0].states[:, : dataset.states.shape[1]])
     for ghost in motion.ghosts[1:]:
-        send(entity(SIMULATED, ghost.name), motion, ghost.states[:, : dataset.states.shape[1]])
+        send(format_entity_path(SIMULATED, ghost.name), motion, ghost.states[:, : dataset.states.shape[1]])
         factors = np.array([unit.factor for unit in motion.units])
-        send(entity(ERRORS, ghost.name), motion, ghost.errors * factors)
+        send(format_entity_path(ERRORS, ghost.name), motion, ghost.errors * factors)
 
 
-def entity(kind: str, name: str) -> str:
+def format_entity_path(kind: str, name: str) -> str:
     """Return the path of what belongs to an arm, whose name may hold what a path cannot."""
     return f"{kind}/{load_rerun().escape_entity_path_part(name)}"
 
@@ -92,10 +92,10 @@ def send(path: str, motion: Motion, values: np.ndarray) -> None:
     rerun = load_rerun()
     columns = rerun.Scalars.columns(scalars=np.asarray(values, float).ravel())
     rows = columns.partition(np.full(len(values), values.shape[1]))
-    rerun.send_columns(path, indexes=timelines(motion, len(values)), columns=rows)
+    rerun.send_columns(path, indexes=make_timelines(motion, len(values)), columns=rows)
 
 
-def timelines(motion: Motion, count: int) -> list[object]:
+def make_timelines(motion: Motion, count: int) -> list[object]:
     """Return the first frames of LeRobot's two timelines."""
     rerun = load_rerun()
     return [
@@ -115,18 +115,18 @@ def log_arms(motion: Motion) -> None:
     rerun.log(ARMS, rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     for body in range(model.nbody):
         ghost = int(scene.owner[body])
-        path = f"{entity(ARMS, motion.ghosts[ghost].name)}/{body}"
+        path = f"{format_entity_path(ARMS, motion.ghosts[ghost].name)}/{body}"
         geoms = [geom for geom in np.flatnonzero(model.geom_bodyid == body) if scene.shown[geom]]
         for geom in geoms:
-            shape = shape_of(model, int(geom), [round(255 * part) for part in colour(ghost)])
+            shape = make_shape(model, int(geom), [round(255 * part) for part in choose_colour(ghost)])
             if shape is not None:
                 rerun.log(f"{path}/{geom}", shape, static=True)
         if geoms:
             moved = rerun.Transform3D.columns(translation=places[:, body], quaternion=turns[:, body])
-            rerun.send_columns(path, indexes=timelines(motion, count), columns=moved)
+            rerun.send_columns(path, indexes=make_timelines(motion, count), columns=moved)
 
 
-def shape_of(model: mujoco.MjModel, geom: int, shade: Sequence[int]) -> object | None:
+def make_shape(model: mujoco.MjModel, geom: int, shade: Sequence[int]) -> object | None:
     """Return a geom of a compiled model as Rerun draws it, in its body's frame; None for floors and height fields."""
     rerun = load_rerun()
     size, at = model.geom_size[geom], model.geom_pos[geom]
@@ -134,7 +134,9 @@ def shape_of(model: mujoco.MjModel, geom: int, shade: Sequence[int]) -> object |
     placed = {"quaternions": [turn], "colors": [shade], "fill_mode": "solid"}
     kind = mujoco.mjtGeom(model.geom_type[geom])
     if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        start = at + turned(np.array([0.0, 0.0, -size[1]]), model.geom_quat[geom])  # Rerun's begins at its lower cap
+        start = at + rotate_vectors(
+            np.array([0.0, 0.0, -size[1]]), model.geom_quat[geom]
+        )  # Rerun's begins at its lower cap
         return rerun.Capsules3D(lengths=[2 * size[1]], radii=[size[0]], translations=[start], **placed)
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
         return rerun.Cylinders3D(lengths=[2 * size[1]], radii=[size[0]], centers=[at], **placed)
@@ -147,19 +149,19 @@ def shape_of(model: mujoco.MjModel, geom: int, shade: Sequence[int]) -> object |
         mesh = model.mesh(int(model.geom_dataid[geom]))
         corners = slice(int(mesh.vertadr[0]), int(mesh.vertadr[0] + mesh.vertnum[0]))
         faces = slice(int(mesh.faceadr[0]), int(mesh.faceadr[0] + mesh.facenum[0]))
-        moved = at + turned(model.mesh_vert[corners], model.geom_quat[geom])
+        moved = at + rotate_vectors(model.mesh_vert[corners], model.geom_quat[geom])
         return rerun.Mesh3D(vertex_positions=moved, triangle_indices=model.mesh_face[faces], albedo_factor=shade)
     return None
 
 
-def turned(vectors: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
+def rotate_vectors(vectors: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
     """Return vectors (…, 3) turned by a quaternion (4,), w first."""
     matrix = np.empty(9)
     mujoco.mju_quat2Mat(matrix, quaternion)
     return np.asarray(vectors @ matrix.reshape(3, 3).T)
 
 
-def blueprint(motion: Motion) -> object:
+def make_blueprint(motion: Motion) -> object:
     """Return the layout: the ghosts, then a plot for each signal, with the names of its components."""
     rerun = load_rerun()
     import rerun.blueprint as views
@@ -168,7 +170,7 @@ def blueprint(motion: Motion) -> object:
     errors = [f"RMSE [{unit.shown}]" for unit in motion.units]
     plots: list[tuple[str, Sequence[str]]] = [(ACTION, action), (STATES, state)]
     for ghost in motion.ghosts[1:]:
-        plots += [(entity(SIMULATED, ghost.name), state), (entity(ERRORS, ghost.name), errors)]
+        plots += [(format_entity_path(SIMULATED, ghost.name), state), (format_entity_path(ERRORS, ghost.name), errors)]
     shown: list[views.View] = [views.Spatial3DView(origin=ARMS, name=ARMS)]
     for path, names in plots:
         lines = rerun.SeriesLines(names=list(names))

@@ -91,7 +91,7 @@ class Scene:
         return np.concatenate(found).reshape(-1, 3)
 
 
-def colour(number: int) -> tuple[float, float, float, float]:
+def choose_colour(number: int) -> tuple[float, float, float, float]:
     """Return red, green, blue and alpha of a ghost, 0 to 1; 0 is the measured arm."""
     shade = COLOURS[0] if number == 0 else COLOURS[1 + (number - 1) % (len(COLOURS) - 1)]
     return (*shade, TRANSPARENCY if number else 1.0)
@@ -106,7 +106,7 @@ def compose(ghosts: Sequence[Ghost]) -> tuple[mujoco.MjModel, np.ndarray]:
     Raises:
         ModelFileError: MuJoCo refuses the scene.
     """
-    scene, parts = mujoco.MjSpec(), [bare(ghost, with_world=number == 0) for number, ghost in enumerate(ghosts)]
+    scene, parts = mujoco.MjSpec(), [strip_model(ghost, with_world=number == 0) for number, ghost in enumerate(ghosts)]
     light_up(scene)
     try:
         # warned of are options that differ, such as the integrator; nothing is simulated here
@@ -119,11 +119,13 @@ def compose(ghosts: Sequence[Ghost]) -> tuple[mujoco.MjModel, np.ndarray]:
         reason = " ".join(str(error).split()).rstrip(".")
         files = ", ".join(dict.fromkeys(str(ghost.simulator.robot.mjcf) for ghost in ghosts))
         raise ModelFileError(f"{files} cannot be drawn in one scene: {reason}; render one --model at a time.") from None
-    names = [model.body(body).name.partition("/") for body in range(model.nbody)]  # `bare` names all but the world
+    names = [
+        model.body(body).name.partition("/") for body in range(model.nbody)
+    ]  # `strip_model` names all but the world
     return model, np.array([int(number) if slash else 0 for number, slash, _ in names])
 
 
-def bare(ghost: Ghost, with_world: bool) -> mujoco.MjSpec:
+def strip_model(ghost: Ghost, with_world: bool) -> mujoco.MjSpec:
     """Return the bodies, joints and shapes of a ghost's model, and nothing that acts, measures or shines.
 
     Args:
@@ -174,7 +176,7 @@ def paint(model: mujoco.MjModel, owner: np.ndarray) -> np.ndarray:
         if not (visible & own).any():
             visible |= own
             model.geom_group[own] = 0
-        model.geom_rgba[owners == number] = colour(int(number))
+        model.geom_rgba[owners == number] = choose_colour(int(number))
     visible &= ~(fixed & (owners > 0))
     model.geom_rgba[model.geom_type == PLANE] = GROUND
     model.geom_rgba[~visible, 3] = 0.0

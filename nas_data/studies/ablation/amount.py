@@ -50,18 +50,18 @@ def parse(texts: Sequence[str], unit: Unit) -> tuple[Amount, ...]:
         OptionError: there is no amount, one is not positive, or a number of episodes is not an integer.
     """
     option = "--counts" if unit == "episodes" else "--minutes"
-    found = {Amount(number(word, option, unit), unit) for word in words(texts)}
+    found = {Amount(parse_number(word, option, unit), unit) for word in split_words(texts)}
     if not found:
         raise OptionError(f"{option} names no amount; give some with commas between, such as 1,2,5,{ALL}.")
     return tuple(sorted(found))
 
 
-def words(texts: Sequence[str]) -> list[str]:
+def split_words(texts: Sequence[str]) -> list[str]:
     """Split texts at commas."""
     return [word.strip() for text in texts for word in text.split(",") if word.strip()]
 
 
-def number(word: str, option: str, unit: Unit) -> float:
+def parse_number(word: str, option: str, unit: Unit) -> float:
     """Read one amount; infinite for `all`."""
     if word == ALL:
         return math.inf

@@ -1,7 +1,7 @@
 """Checks of a sweep's plan before it starts."""
 
 from nas_data import registry
-from nas_data.dataset.content import episode_hashes
+from nas_data.dataset.content import hash_episodes
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION, STATE
 from nas_data.dataset.versions import check_paired
@@ -23,7 +23,9 @@ def check(plan: SweepPlan) -> None:
     """
     check_seeds(plan)
     if not plan.kinds:
-        raise OptionError(f"--kinds names none; give some of {', '.join(registry.names(FOLDER))}, with commas between.")
+        raise OptionError(
+            f"--kinds names none; give some of {', '.join(registry.list_names(FOLDER))}, with commas between."
+        )
     kinds = {name: find_kind(name) for name in plan.kinds}
     dataset = plan.material.read()
     check_held_out(plan, dataset)
@@ -94,8 +96,8 @@ def check_test(plan: SweepPlan, dataset: Dataset, test: Dataset) -> None:
             f"{name} cannot judge: its joints, kind of command or rate ({', '.join(other[0])}; {other[2]:g} Hz) are "
             f"not those of {plan.material.root} ({', '.join(mine[0])}; {mine[2]:g} Hz)."
         )
-    trained = {digest: place for place, digest in enumerate(episode_hashes(dataset, (STATE, ACTION)))}
-    for place, digest in enumerate(episode_hashes(test, (STATE, ACTION))):
+    trained = {digest: place for place, digest in enumerate(hash_episodes(dataset, (STATE, ACTION)))}
+    for place, digest in enumerate(hash_episodes(test, (STATE, ACTION))):
         if digest in trained:
             raise DatasetInvalid(
                 f"Episode {place} of {name} is episode {trained[digest]} of {plan.material.root}: what judges must not "

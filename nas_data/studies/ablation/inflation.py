@@ -92,7 +92,7 @@ def keep(folder: Path, found: Inflation | None) -> None:
         write_whole(folder / FILE, (json.dumps(found.to_json(), indent=1) + "\n").encode())
 
 
-def probes(trials: Sequence[Trial], workers: int, folder: Path) -> list[Probe]:
+def make_probes(trials: Sequence[Trial], workers: int, folder: Path) -> list[Probe]:
     """Return timing probes: one per worker to run in parallel, and then one to run alone.
 
     Args:
@@ -109,7 +109,7 @@ def probes(trials: Sequence[Trial], workers: int, folder: Path) -> list[Probe]:
     return [Probe(make_short_trial(min(training, key=lambda trial: trial.config.amount)))] * (workers + 1)
 
 
-def order(probes: int, jobs: int) -> dict[int, list[int]]:
+def order_jobs(probes: int, jobs: int) -> dict[int, list[int]]:
     """Return the dependencies of jobs whose first ones are probes.
 
     The last probe runs alone after the others, and all other jobs wait for it.
@@ -120,7 +120,7 @@ def order(probes: int, jobs: int) -> dict[int, list[int]]:
     return {last: list(range(last)), **{number: [last] for number in range(probes, jobs)}}
 
 
-def inflation_of(costs: Sequence[Cost | None]) -> Inflation | None:
+def compute_inflation(costs: Sequence[Cost | None]) -> Inflation | None:
     """Return the result of the probes, the last of which ran alone; None if one failed."""
     known = [cost for cost in costs if cost is not None]
     if not known or len(known) < len(costs):
@@ -141,7 +141,7 @@ def make_short_trial(trial: Trial) -> Trial:
     return replace(trial, config=replace(trial.config, options=short))
 
 
-def cost(probe: Probe) -> Cost | None:
+def measure_cost(probe: Probe) -> Cost | None:
     """Train twice, and return the cost of the second time, when all code is loaded; None on failure."""
     try:
         learn(probe.trial)

@@ -8,7 +8,7 @@ from nas_data.models.evaluation import MODEL, Evaluation, evaluate
 from nas_data.sources import SourceModel
 from nas_data.studies.ablation.kinds.base import Learned
 from nas_data.studies.ablation.results import PredictorErrors, TrialResult
-from nas_data.typed_json import finite
+from nas_data.typed_json import make_finite
 
 SOURCE = "source"
 BASELINES = (SOURCE, "hold", "command")
@@ -26,9 +26,9 @@ def judge(kind: str, learned: Learned, plain: SourceModel | None, held: Dataset)
     Returns:
         A result with the errors by predictor, and their unit.
     """
-    with_model = evaluation(learned.source, learned, held)
+    with_model = evaluate_model(learned.source, learned, held)
     own = SOURCE if learned.model is None else MODEL[learned.model.kind]
-    without = with_model if learned.source is plain else evaluation(plain, Learned(None, plain), held)
+    without = with_model if learned.source is plain else evaluate_model(plain, Learned(None, plain), held)
     return TrialResult(
         unit=with_model.open_loop[own].unit.si,
         one_step=describe(kind, with_model.one_step[own], without.one_step),
@@ -36,7 +36,7 @@ def judge(kind: str, learned: Learned, plain: SourceModel | None, held: Dataset)
     )
 
 
-def evaluation(source: SourceModel | None, learned: Learned, held: Dataset) -> Evaluation:
+def evaluate_model(source: SourceModel | None, learned: Learned, held: Dataset) -> Evaluation:
     """Evaluate a model on a source; either may be missing."""
     simulator = None if source is None else source.simulator(held, threads=1)
     return evaluate(held, simulator, learned.model)
@@ -45,4 +45,4 @@ def evaluation(source: SourceModel | None, learned: Learned, held: Dataset) -> E
 def describe(kind: str, own: Errors, baselines: Mapping[str, Errors]) -> PredictorErrors:
     """Return the errors of a predictor and of the baselines for JSON."""
     errors = {kind: own, **{name: baselines[name] for name in BASELINES if name in baselines}}
-    return {name: {key: finite(value) for key, value in one.to_json().items()} for name, one in errors.items()}
+    return {name: {key: make_finite(value) for key, value in one.to_json().items()} for name, one in errors.items()}

@@ -4,7 +4,7 @@ import hashlib
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from nas_data.dataset.content import content_hash
+from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
 from nas_data.dataset.transitions import as_transitions
@@ -77,13 +77,13 @@ class SweepData:
     def content(self) -> Content:
         """Return the identity of the present data."""
         return Content(
-            dataset=content_hash(read(self.root)),
-            test=None if self.test is None else content_hash(read(self.test)),
-            source=self._source_hash(),
-            effects=None if self.effects is None else file_hash(self.effects),
+            dataset=hash_content(read(self.root)),
+            test=None if self.test is None else hash_content(read(self.test)),
+            source=self._hash_source(),
+            effects=None if self.effects is None else hash_effects_file(self.effects),
         )
 
-    def _source_hash(self) -> str | None:
+    def _hash_source(self) -> str | None:
         source = self.source()
         if source is None:
             return None
@@ -100,7 +100,7 @@ class SweepData:
             )
 
 
-def file_hash(path: Path) -> str:
+def hash_effects_file(path: Path) -> str:
     """Return the SHA-256 of an effects file, or of the one in a gap report."""
     file = path / EFFECTS if path.is_dir() else path
     return hashlib.sha256(file.read_bytes()).hexdigest()

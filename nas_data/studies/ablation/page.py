@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.reports.charts import Trace, axis, band, line, logarithmic
+from nas_data.reports.charts import Trace, make_axis, make_band, make_line, make_log_axis
 from nas_data.reports.page import Block, Chart, HtmlPage, HtmlTable, PageSection, Text
-from nas_data.reports.style import Stroke, strokes
+from nas_data.reports.style import Stroke, choose_strokes
 from nas_data.studies.ablation.kinds.base import find_kind
 from nas_data.studies.ablation.summary import JSON, Cell, SweepSummary
-from nas_data.studies.ablation.table import HEADERS, rows
+from nas_data.studies.ablation.table import HEADERS, make_rows
 
 WIDER = 1.05  # margin factor of the axis of amounts
 TITLES = {"open_loop": "open loop", "one_step": "one step"}
@@ -27,35 +27,37 @@ def page_of_folder(folder: Path) -> HtmlPage:
 
 def build(summary: SweepSummary, name: str) -> HtmlPage:
     """Return the page of a sweep with a name."""
-    drawn: list[Block] = [errors_chart(summary, loop) for loop in TITLES] if summary.cells else []
+    drawn: list[Block] = [make_errors_chart(summary, loop) for loop in TITLES] if summary.cells else []
     what = f"Position RMSE on held-out episodes, mean of the episodes [{summary.shown.shown}]; spread over seeds."
     sections = [
         PageSection("", [Text(summary.sentence(), lead=True)]),
         PageSection("Error over the amount of data", drawn),
-        PageSection("Every amount", [HtmlTable(HEADERS, rows(summary), what)]),
+        PageSection("Every amount", [HtmlTable(HEADERS, make_rows(summary), what)]),
         PageSection("Failed trials", [Text(sentence) for sentence in summary.failed]),
     ]
     return HtmlPage(f"Sweep {name}", [section for section in sections if section.blocks])
 
 
-def errors_chart(summary: SweepSummary, loop: str) -> Chart:
+def make_errors_chart(summary: SweepSummary, loop: str) -> Chart:
     """Return the errors of each kind over the amount of data, with the baselines as horizontal lines."""
     labels = {kind: find_kind(kind).label for kind in summary.cells}
-    looks = strokes([*labels.values(), *summary.baselines])
+    looks = choose_strokes([*labels.values(), *summary.baselines])
     traces = [
         trace
         for kind, cells in summary.cells.items()
-        for trace in curve(cells, loop, labels[kind], looks[labels[kind]], summary.shown.factor)
+        for trace in make_curve(cells, loop, labels[kind], looks[labels[kind]], summary.shown.factor)
     ]
     amounts = sorted({cell.size for cells in summary.cells.values() for cell in cells})
     ends = np.array([amounts[0] / WIDER, amounts[-1] * WIDER])
     across = {name: summary.shown.factor * both[loop].median for name, both in summary.baselines.items()}
-    traces += [line(ends, np.full(2, value), name, looks[name]) for name, value in across.items() if 0 < value < np.inf]
+    traces += [
+        make_line(ends, np.full(2, value), name, looks[name]) for name, value in across.items() if 0 < value < np.inf
+    ]
     layout = {
-        "xaxis": axis(
+        "xaxis": make_axis(
             f"{summary.unit} of training data", type="log", tickvals=amounts, ticktext=[f"{a:.3g}" for a in amounts]
         ),
-        "yaxis": logarithmic(f"position error, {TITLES[loop]} [{summary.shown.mark.strip()}]"),
+        "yaxis": make_log_axis(f"position error, {TITLES[loop]} [{summary.shown.mark.strip()}]"),
     }
     caption = (
         f"Held-out error, {TITLES[loop]}: median over seeds, and a band from the lowest to the highest. Lines "
@@ -64,10 +66,10 @@ def errors_chart(summary: SweepSummary, loop: str) -> Chart:
     return Chart(loop, caption, traces, layout, height=440)
 
 
-def curve(cells: Sequence[Cell], loop: str, name: str, look: Stroke, factor: float) -> list[Trace]:
+def make_curve(cells: Sequence[Cell], loop: str, name: str, look: Stroke, factor: float) -> list[Trace]:
     """Return a kind's median error over the amounts, with a band from minimum to maximum."""
     sizes = np.array([cell.size for cell in cells])
     spreads = [cell.errors[loop] for cell in cells]
     rows = factor * np.array([(spread.ends[0], spread.median, spread.ends[1]) for spread in spreads]).T
     low, middle, high = np.where(np.isfinite(rows), rows, np.nan)
-    return [*band(sizes, low, high, name, look), line(sizes, middle, name, look, mode="lines+markers")]
+    return [*make_band(sizes, low, high, name, look), make_line(sizes, middle, name, look, mode="lines+markers")]

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from nas_data.joint_units import JointUnit, display_unit
+from nas_data.joint_units import JointUnit, find_display_unit
 
 METRIC = "mean_of_episodes"  # every held-out episode has equal weight, whatever its length
 OPTIONAL = {"optional": True}
@@ -65,7 +65,7 @@ class TrialResult:
     @property
     def shown(self) -> JointUnit:
         """Display unit of errors: that of hinges, or of slides if the arm has no hinges."""
-        return display_unit(str(self.unit))
+        return find_display_unit(str(self.unit))
 
     def predictors(self, loop: str) -> PredictorErrors:
         """Return the errors by predictor, `one_step` or `open_loop`."""

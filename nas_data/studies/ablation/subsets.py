@@ -52,13 +52,13 @@ def draw(dataset: Dataset, train: Sequence[int], amount: Amount, seed: int) -> l
         count = len(train) if amount.is_all else int(amount.value)
         chosen = sorted(int(train[place]) for place in rng.permutation(len(train))[:count])
         return [(rows.start, rows.stop) for rows in map(dataset.episode, chosen)]
-    frames = available(dataset, train) if amount.is_all else round(amount.value * 60 * dataset.fps)
-    return merge_adjacent_runs(take(stretches(dataset, train), rng, frames), dataset)
+    frames = count_available_frames(dataset, train) if amount.is_all else round(amount.value * 60 * dataset.fps)
+    return merge_adjacent_runs(take(cut_stretches(dataset, train), rng, frames), dataset)
 
 
 def check_enough(dataset: Dataset, train: Sequence[int], amount: Amount) -> None:
     """Raise OptionError if the training episodes hold less than an amount."""
-    there = len(train) if amount.unit == "episodes" else available(dataset, train) / dataset.fps / 60
+    there = len(train) if amount.unit == "episodes" else count_available_frames(dataset, train) / dataset.fps / 60
     if amount.is_all or amount.value <= there * (1 + 1e-9):
         return
     option = "--counts" if amount.unit == "episodes" else "--minutes"
@@ -68,12 +68,12 @@ def check_enough(dataset: Dataset, train: Sequence[int], amount: Amount) -> None
     )
 
 
-def available(dataset: Dataset, train: Sequence[int]) -> int:
+def count_available_frames(dataset: Dataset, train: Sequence[int]) -> int:
     """Return the frames of the training episodes."""
     return int(dataset.lengths[list(train)].sum())
 
 
-def stretches(dataset: Dataset, train: Sequence[int]) -> list[Run]:
+def cut_stretches(dataset: Dataset, train: Sequence[int]) -> list[Run]:
     """Cut each training episode into stretches of nearly equal length."""
     cuts: list[Run] = []
     for rows in map(dataset.episode, train):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.errors import OptionError
-from nas_data.joint_units import HINGE, JointUnit, display_unit
+from nas_data.joint_units import HINGE, JointUnit, find_display_unit
 from nas_data.studies.ablation.amount import Amount, Unit
 from nas_data.studies.ablation.judging import BASELINES
 from nas_data.studies.ablation.kinds.base import find_kind
@@ -96,11 +96,11 @@ class SweepSummary:
         """Summarise the results of trials."""
         good = [(config, result) for config, result in outcomes if result.failed is None]
         kinds = dict.fromkeys(config.kind for config, _ in outcomes)
-        gathered = {kind: gather(kind, [(c, result) for c, result in good if c.kind == kind]) for kind in kinds}
+        gathered = {kind: gather_cells(kind, [(c, result) for c, result in good if c.kind == kind]) for kind in kinds}
         return cls(
             unit=outcomes[0][0].amount.unit,
             cells={kind: cells for kind, cells in gathered.items() if cells},
-            baselines=baselines(good),
+            baselines=collect_baselines(good),
             failed=[f"{c.kind}, {c.amount}, seed {c.seed}: {found.failed}" for c, found in outcomes if found.failed],
             shown=good[0][1].shown if good else HINGE,
         )
@@ -123,7 +123,7 @@ class SweepSummary:
                 for kind, entries in content["kinds"].items()
             }
             baselines = {name: read_spreads(entry) for name, entry in content["baselines"].items()}
-            return cls(unit, cells, baselines, content["failed"], display_unit(content["unit"]))
+            return cls(unit, cells, baselines, content["failed"], find_display_unit(content["unit"]))
         except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
             raise OptionError(f"{path} is no result of a sweep ({error!r}); make it anew with: nas ablate") from None
 
@@ -131,7 +131,7 @@ class SweepSummary:
         """Return for each kind the smallest amount whose median open-loop error is within 5 % of its best."""
         found = {}
         for kind, cells in self.cells.items():
-            limit = (1 + ENOUGH) * best(cells).errors["open_loop"].median
+            limit = (1 + ENOUGH) * find_best(cells).errors["open_loop"].median
             if math.isfinite(limit):
                 found[kind] = next(cell for cell in cells if cell.errors["open_loop"].median <= limit)
         return found
@@ -147,21 +147,21 @@ class SweepSummary:
         label, cells = find_kind(kind).label, self.cells[kind]
         if cell is None:
             return f"{label} diverges with every amount"
-        top = best(cells)
-        error, least = (self._text(one.errors["open_loop"].median) for one in (cell, top))
+        top = find_best(cells)
+        error, least = (self._format_error(one.errors["open_loop"].median) for one in (cell, top))
         text = f"{label} {cell.text} ({error}" + (")" if cell is top else f"; {least} with {top.text})")
         text += ", the most that was tried, so that more may help" if cell is cells[-1] and len(cells) > 1 else ""
-        return text + self._beaten_by(top)
+        return text + self._describe_better_baselines(top)
 
-    def _beaten_by(self, cell: Cell) -> str:
+    def _describe_better_baselines(self, cell: Cell) -> str:
         """Return a sentence on baselines that are as good as the best of a kind; empty if there are none."""
         found = {name: spreads["open_loop"].median for name, spreads in self.baselines.items()}
         if not found or min(found.values()) > cell.errors["open_loop"].median:
             return ""
         name = min(found, key=lambda name: found[name])
-        return f", which is no better than '{name}', which learned nothing ({self._text(found[name])})"
+        return f", which is no better than '{name}', which learned nothing ({self._format_error(found[name])})"
 
-    def _text(self, value: float) -> str:
+    def _format_error(self, value: float) -> str:
         """Return an error in its display unit."""
         return f"{self.shown.factor * value:.3g}{self.shown.mark}"
 
@@ -171,25 +171,25 @@ class SweepSummary:
             "metric": "position RMSE on held-out episodes, mean of the episodes",
             "unit": self.shown.si,
             "amount_unit": self.unit,
-            "kinds": {kind: [cell_json(cell) for cell in cells] for kind, cells in self.cells.items()},
-            "baselines": {name: spreads_json(spreads) for name, spreads in self.baselines.items()},
+            "kinds": {kind: [make_cell_json(cell) for cell in cells] for kind, cells in self.cells.items()},
+            "baselines": {name: make_spreads_json(spreads) for name, spreads in self.baselines.items()},
             "enough": {kind: cell.amount.word for kind, cell in self.enough().items()},
             "sentence": self.sentence(),
             "failed": list(self.failed),
         }
 
 
-def best(cells: Sequence[Cell]) -> Cell:
+def find_best(cells: Sequence[Cell]) -> Cell:
     """Return the smallest amount with the least median open-loop error."""
     return min(cells, key=lambda cell: cell.errors["open_loop"].median)
 
 
-def cell_json(cell: Cell) -> dict[str, object]:
+def make_cell_json(cell: Cell) -> dict[str, object]:
     """Return a cell for JSON."""
-    return {"amount": cell.amount.word, cell.amount.unit: cell.size, **spreads_json(cell.errors)}
+    return {"amount": cell.amount.word, cell.amount.unit: cell.size, **make_spreads_json(cell.errors)}
 
 
-def spreads_json(spreads: Mapping[str, Spread]) -> dict[str, object]:
+def make_spreads_json(spreads: Mapping[str, Spread]) -> dict[str, object]:
     """Return the spreads of both ways to predict."""
     return {loop: spread.to_json() for loop, spread in spreads.items()}
 
@@ -202,7 +202,7 @@ def read_spreads(entry: Mapping[str, Mapping[str, Sequence[float | None]]]) -> d
     }
 
 
-def gather(kind: str, outcomes: Sequence[Outcome]) -> list[Cell]:
+def gather_cells(kind: str, outcomes: Sequence[Outcome]) -> list[Cell]:
     """Return a kind's cells, by ascending size."""
     groups: dict[Amount, list[TrialResult]] = {}
     for config, result in outcomes:
@@ -215,7 +215,7 @@ def gather(kind: str, outcomes: Sequence[Outcome]) -> list[Cell]:
     return sorted(cells, key=lambda cell: (cell.size, cell.amount))
 
 
-def baselines(outcomes: Sequence[Outcome]) -> dict[str, dict[str, Spread]]:
+def collect_baselines(outcomes: Sequence[Outcome]) -> dict[str, dict[str, Spread]]:
     """Return the errors of the baselines, one per seed: all trials of a seed have the same held-out episodes."""
     by_seed = {config.seed: result for config, result in outcomes}
     names = [name for name in BASELINES if all(name in one.predictors("open_loop") for one in by_seed.values())]

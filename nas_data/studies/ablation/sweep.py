@@ -15,15 +15,23 @@ from filelock import FileLock, Timeout
 from nas_data.count_of import count_of
 from nas_data.errors import OutputExists
 from nas_data.models.presets import TrainingOptions
-from nas_data.runs.progress import spoken
+from nas_data.runs.progress import format_duration
 from nas_data.studies.ablation.amount import Amount
 from nas_data.studies.ablation.executors.base import Executor
-from nas_data.studies.ablation.inflation import Cost, Probe, cost, inflation_of, keep, order, probes
+from nas_data.studies.ablation.inflation import (
+    Cost,
+    Probe,
+    compute_inflation,
+    keep,
+    make_probes,
+    measure_cost,
+    order_jobs,
+)
 from nas_data.studies.ablation.material import Content, SweepData
 from nas_data.studies.ablation.results import TrialResult
-from nas_data.studies.ablation.trial import TRIALS, UNFINISHED, Config, Trial, do_trial, trial_code
+from nas_data.studies.ablation.trial import TRIALS, UNFINISHED, Config, Trial, do_trial, hash_trial_code
 from nas_data.typed_json import from_json
-from nas_data.visible_files import visible
+from nas_data.visible_files import list_visible_files
 from nas_data.whole_file import write_whole
 
 SWEEP, LOCK = "sweep.json", ".lock"
@@ -55,7 +63,7 @@ class SweepPlan:
         A long trial at the end would leave the other workers idle.
         """
         source = self.material.source()
-        codes = {kind: trial_code(kind, source) for kind in self.kinds}
+        codes = {kind: hash_trial_code(kind, source) for kind in self.kinds}
         return [
             Trial(Config(kind, amount, seed, self.options, self.held_out), content, self.material, folder, codes[kind])
             for seed in self.seeds
@@ -90,7 +98,7 @@ def run_sweep(
     """
     results = {number: result for number, trial in enumerate(trials) if (result := read_result(trial, retry))}
     waiting = [number for number in range(len(trials)) if number not in results]
-    measuring = probes([trials[number] for number in waiting], workers, trials[0].folder) if waiting else []
+    measuring = make_probes([trials[number] for number in waiting], workers, trials[0].folder) if waiting else []
     jobs: list[Trial | Probe] = [*measuring, *(trials[number] for number in waiting)]
     costs: dict[int, Cost | None] = {}
     progress = SweepProgress([trials[number].config for number in waiting], workers, len(trials))
@@ -99,11 +107,11 @@ def run_sweep(
     say(progress.begin(sum(result.failed is not None for result in results.values())))
     if measuring:
         say(f"first a short training with {workers} workers and with one, to see what another costs")
-    for index, found in executor(do_job, jobs, workers, order(len(measuring), len(jobs))):
+    for index, found in executor(do_job, jobs, workers, order_jobs(len(measuring), len(jobs))):
         if index < len(measuring):
             costs[index] = found
             if len(costs) == len(measuring):
-                keep(trials[0].folder, inflation_of([costs[probe] for probe in range(len(measuring))]))
+                keep(trials[0].folder, compute_inflation([costs[probe] for probe in range(len(measuring))]))
         else:
             number = waiting[index - len(measuring)]
             results[number] = found
@@ -113,7 +121,7 @@ def run_sweep(
 
 def do_job(job: Trial | Probe) -> Any:
     """Do a trial, or measure a probe; return a result or a cost."""
-    return cost(job) if isinstance(job, Probe) else do_trial(job)
+    return measure_cost(job) if isinstance(job, Probe) else do_trial(job)
 
 
 def read_result(trial: Trial, retry: bool) -> TrialResult | None:
@@ -129,7 +137,7 @@ def read_result(trial: Trial, retry: bool) -> TrialResult | None:
 def count_other_code(trials: Sequence[Trial]) -> int:
     """Return the number of trials with a result by other code, or by unknown code."""
     asked = {spell(trial.question): trial.code for trial in trials}
-    found = [read_question(path) for path in visible(trials[0].folder / TRIALS, "*.json")]
+    found = [read_question(path) for path in list_visible_files(trials[0].folder / TRIALS, "*.json")]
     return len({key for question in found if (key := spell(question)) in asked and question.get("code") != asked[key]})
 
 
@@ -180,7 +188,7 @@ class SweepProgress:
         seconds = result.wall_seconds
         self.took[config.kind].append(seconds)
         found = f"failed: {result.failed}" if result.failed else format_error(config.kind, result)
-        left = f", about {spoken(self.left())} left" if self.waiting else ""
+        left = f", about {format_duration(self.left())} left" if self.waiting else ""
         head = f"{self.total - len(self.waiting)} of {self.total}: {config.kind}, {config.amount}, seed {config.seed}"
         return f"{head}: {found} ({seconds:.0f} s{left})"
 
@@ -228,10 +236,10 @@ def check_same(folder: Path, identity: Mapping[str, object]) -> None:
         raise OutputExists(f"{folder} exists and holds no sweep; choose another --out.") from None
     other = [key for key in {**identity, **held} if held.get(key) != identity.get(key)]
     if other:
-        told = "; ".join(f"{key}: {short(held.get(key))} there, {short(identity.get(key))} here" for key in other)
+        told = "; ".join(f"{key}: {shorten(held.get(key))} there, {shorten(identity.get(key))} here" for key in other)
         raise OutputExists(f"{folder} holds another sweep ({told}); choose another --out.")
 
 
-def short(value: object) -> str:
+def shorten(value: object) -> str:
     """Return a value for an error message; hashes are shortened."""
     return value[:8] if isinstance(value, str) else "none" if value is None else str(value)

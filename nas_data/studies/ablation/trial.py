@@ -12,13 +12,13 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.provenance import package_versions
+from nas_data.dataset.provenance import read_package_versions
 from nas_data.errors import NasError, WorkerLost
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.split import select_frames
 from nas_data.models.threads import one_thread
-from nas_data.runs.code_hash import code_hash, effect_modules
-from nas_data.runs.environment_info import commit
+from nas_data.runs.code_hash import hash_code, list_effect_modules
+from nas_data.runs.environment_info import find_commit
 from nas_data.sources import SourceModel
 from nas_data.studies.ablation.amount import Amount
 from nas_data.studies.ablation.judging import judge
@@ -100,16 +100,16 @@ class Trial:
         return self.folder / TRIALS / f"{self.key}.json"
 
 
-def trial_code(kind: str, source: SourceModel | None) -> str:
+def hash_trial_code(kind: str, source: SourceModel | None) -> str:
     """Return the hash of the code that draws the subset, learns from it and evaluates the result.
 
     Args:
         kind: Name of the kind.
         source: Plain source; None if there is none.
     """
-    effects = effect_modules() if find_kind(kind).names else ()  # every effect that may be named
+    effects = list_effect_modules() if find_kind(kind).names else ()  # every effect that may be named
     moves = () if source is None else source.modules()
-    return code_hash(__name__, f"nas_data.{FOLDER}.{kind}", *moves, *effects)
+    return hash_code(__name__, f"nas_data.{FOLDER}.{kind}", *moves, *effects)
 
 
 def do_trial(trial: Trial) -> TrialResult:
@@ -128,13 +128,13 @@ def do_trial(trial: Trial) -> TrialResult:
     try:
         found = learn_and_judge(trial, folder)
     except Exception as error:  # the other trials of the sweep go on, whatever the error
-        found = failure(error)
+        found = make_failed_result(error)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     result = replace(
         found,
-        commit=commit(),
-        packages=package_versions(),
+        commit=find_commit(),
+        packages=read_package_versions(),
         wall_seconds=time.perf_counter() - wall,
         cpu_seconds=time.process_time() - cpu,
     )
@@ -149,14 +149,14 @@ def check_code(trial: Trial) -> None:
     Raises:
         WorkerLost: the code was edited since the sweep began, or another machine has another version.
     """
-    if trial_code(trial.config.kind, trial.material.source()) != trial.code:
+    if hash_trial_code(trial.config.kind, trial.material.source()) != trial.code:
         raise WorkerLost(
             f"A worker has other code of nas_data than the sweep in {trial.folder} was begun with: it was edited "
             "since, or is another version on that machine; run the same command again with one version everywhere."
         )
 
 
-def failure(error: Exception) -> TrialResult:
+def make_failed_result(error: Exception) -> TrialResult:
     """Return the result of a failed trial, with the traceback of an unexpected error."""
     if isinstance(error, NasError):
         return TrialResult(failed=str(error))

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.reports.ablation_figure import AblationCurve, error_over_amount
+from nas_data.reports.ablation_figure import AblationCurve, draw_error_over_amount
 from nas_data.reports.style import to_png
 from nas_data.studies.ablation.kinds.base import find_kind
 from nas_data.studies.ablation.summary import JSON, LOOPS, Cell, SweepSummary
-from nas_data.studies.ablation.table import markdown
-from nas_data.typed_json import finite
+from nas_data.studies.ablation.table import format_markdown
+from nas_data.typed_json import make_finite
 from nas_data.whole_file import write_whole
 
 TABLE, FIGURE = "ablation.md", "ablation.png"
@@ -30,25 +30,26 @@ def write(folder: Path, summary: SweepSummary, more: Mapping[str, object], notes
         The files by kind.
     """
     files = {"result": folder / JSON, "table": folder / TABLE}
-    content = finite({"schema": 1, **summary.to_json(), **more})
+    content = make_finite({"schema": 1, **summary.to_json(), **more})
     write_whole(files["result"], (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
-    write_whole(files["table"], markdown(summary, [summary.sentence(), *notes]).encode())
+    write_whole(files["table"], format_markdown(summary, [summary.sentence(), *notes]).encode())
     if summary.cells:
         files["figure"] = folder / FIGURE
-        write_whole(files["figure"], picture(summary))
+        write_whole(files["figure"], draw_picture(summary))
     return files
 
 
-def picture(summary: SweepSummary) -> bytes:
+def draw_picture(summary: SweepSummary) -> bytes:
     """Return the figure as a PNG."""
     curves = {
-        loop: {find_kind(kind).label: curve(cells, loop) for kind, cells in summary.cells.items()} for loop in LOOPS
+        loop: {find_kind(kind).label: make_curve(cells, loop) for kind, cells in summary.cells.items()}
+        for loop in LOOPS
     }
     lines = {loop: {name: both[loop].median for name, both in summary.baselines.items()} for loop in LOOPS}
-    return to_png(error_over_amount(curves, lines, summary.unit, summary.shown))
+    return to_png(draw_error_over_amount(curves, lines, summary.unit, summary.shown))
 
 
-def curve(cells: Sequence[Cell], loop: str) -> AblationCurve:
+def make_curve(cells: Sequence[Cell], loop: str) -> AblationCurve:
     """Return a kind's errors over its amounts."""
     spreads = [cell.errors[loop] for cell in cells]
     low, high = (np.array([spread.ends[end] for spread in spreads]) for end in (0, 1))

@@ -18,9 +18,9 @@ from nas_data.runs.parallel import run_jobs
 from nas_data.runs.progress import Report, say
 from nas_data.runs.stages import INDENT, StageResult
 from nas_data.sources import find_source
-from nas_data.studies.demo.naming import named_dynamics
+from nas_data.studies.demo.naming import read_named_dynamics
 from nas_data.studies.demo.plan import Demo
-from nas_data.studies.demo.recording import HELDOUT, TRAIN, newest
+from nas_data.studies.demo.recording import HELDOUT, TRAIN, find_newest
 from nas_data.studies.experiments.pipeline.learning import ModelJob, train_model
 from nas_data.studies.experiments.pipeline.trajectories import PREDICTORS, combine, compare_models
 from nas_data.whole_file import write_whole
@@ -37,28 +37,28 @@ ErrorTable = dict[str, dict[str, float]]
 
 def learn(job: ModelJob) -> list[dict[str, float]]:
     """Train one of the two models; its name is part of each progress line."""
-    return train_model(job, reporter("φ" if job.kind == "delta" else "ψ"))
+    return train_model(job, make_reporter("φ" if job.kind == "delta" else "ψ"))
 
 
-def reporter(name: str) -> Report:
+def make_reporter(name: str) -> Report:
     """Return a report that prints the model's name in each line."""
     return lambda line: say(f"{INDENT}{name}  {line}")
 
 
 def learn_models(demo: Demo) -> StageResult:
     """Train both models, and compare them and the source with named effects on the held-out episodes."""
-    train, heldout = newest(demo, TRAIN), newest(demo, HELDOUT)
+    train, heldout = find_newest(demo, TRAIN), find_newest(demo, HELDOUT)
     options: dict[Kind, TrainingOptions] = {"delta": demo.plan.delta, "forward": demo.plan.forward}
-    threads = 1 if cores() > 1 else None  # one core for each model
+    threads = 1 if count_cores() > 1 else None  # one core for each model
     jobs = [ModelJob(kind, train, options[kind], demo.folder / FOLDERS[kind], threads) for kind in FOLDERS]
-    histories = {jobs[number].kind: rows for number, rows in run_jobs(learn, jobs, cores())}
+    histories = {jobs[number].kind: rows for number, rows in run_jobs(learn, jobs, count_cores())}
     dataset = read(heldout)
     delta, psi = (demo.folder / FOLDERS[kind] for kind in FOLDERS)
     evaluation = compare_models(dataset, find_source(None, (), dataset, [heldout]), delta, psi)
-    if (named := named_dynamics(demo)) is not None:
+    if (named := read_named_dynamics(demo)) is not None:
         evaluation = with_names(evaluation, evaluate(dataset, named.simulator(), None))
     save_rollouts(evaluation, dataset, demo.folder / ROLLOUTS)
-    errors = {"one_step": table_of(evaluation.one_step), "open_loop": table_of(evaluation.open_loop)}
+    errors = {"one_step": make_error_table(evaluation.one_step), "open_loop": make_error_table(evaluation.open_loop)}
     write_whole(demo.folder / ERRORS, (json.dumps(errors, indent=1) + "\n").encode())
     said = [
         f"On {dataset.n_episodes} held-out episodes, what was learned and named above what needs neither:",
@@ -89,7 +89,7 @@ def with_names(evaluation: Evaluation, named: Evaluation) -> Evaluation:
     return combine(renamed, evaluation, SHOWN)
 
 
-def table_of(errors: Mapping[str, Errors]) -> ErrorTable:
+def make_error_table(errors: Mapping[str, Errors]) -> ErrorTable:
     """Return errors [rad] by joint and over all joints, by predictor."""
     return {name: {**one.per_joint, "all": one.overall} for name, one in errors.items()}
 
@@ -115,6 +115,6 @@ def load_rollouts(path: Path) -> dict[str, np.ndarray]:
     return {name: kept[name] for name in ("measured", *SHOWN) if name in kept}
 
 
-def cores() -> int:
+def count_cores() -> int:
     """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0))

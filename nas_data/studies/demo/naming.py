@@ -10,14 +10,14 @@ from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.gap.named import Named
-from nas_data.gap.showing.page_words import effect_title, join_items
+from nas_data.gap.showing.page_words import format_effect_title, join_items
 from nas_data.gap.summary import describe_errors, summarise
 from nas_data.gap.workflow import investigate
 from nas_data.gap.write_model import EFFECTS
 from nas_data.runs.progress import Calm
 from nas_data.runs.stages import INDENT, WIDTH, StageResult
 from nas_data.studies.demo.plan import Demo
-from nas_data.studies.demo.recording import DATASETS, TRAIN, newest
+from nas_data.studies.demo.recording import DATASETS, TRAIN, find_newest
 
 FOLDER = "gap"
 BLIND = "ergojr_demo_blind"
@@ -30,10 +30,10 @@ def name_effects(demo: Demo) -> StageResult:
     if not demo.plan.named:
         folder.mkdir(exist_ok=True)
         return StageResult(["left out; nas demo --names runs it"], {})
-    recording, model = record_blind(demo), newest(demo, TRAIN) / SOURCE
+    recording, model = record_blind(demo), find_newest(demo, TRAIN) / SOURCE
     say = Calm(lambda line: demo.report(INDENT + textwrap.shorten(line, WIDTH, placeholder=" …")), PAUSE)
     report = investigate(recording, model, folder, say)
-    effects = [effect_title(effect) for effect in report.effects]
+    effects = [format_effect_title(effect) for effect in report.effects]
     content = report.to_json()
     return StageResult(
         summarise(report, folder).splitlines(),
@@ -47,15 +47,15 @@ def name_effects(demo: Demo) -> StageResult:
 
 def record_blind(demo: Demo) -> Path:
     """Return the folder of the input of `nas gap`: the first episodes, without the target's description."""
-    root = newest(demo, TRAIN)
+    root = find_newest(demo, TRAIN)
     recorded = read(root)
     known = read_provenance(root) or Provenance(how="edited")
     target = {key: value for key, value in (known.target or {}).items() if key != "effects"}
-    provenance = replace(known, how="edited", target=target, parents=(versions.parent_of(root, recorded),))
-    return versions.new_version(recorded.select(range(demo.plan.named)), BLIND, provenance, demo.folder / DATASETS)
+    provenance = replace(known, how="edited", target=target, parents=(versions.make_parent(root, recorded),))
+    return versions.write_version(recorded.select(range(demo.plan.named)), BLIND, provenance, demo.folder / DATASETS)
 
 
-def named_dynamics(demo: Demo) -> DynamicsSpec | None:
+def read_named_dynamics(demo: Demo) -> DynamicsSpec | None:
     """Return the source with named effects and base parameters; None if it equals the plain source."""
     folder = demo.folder / FOLDER
     if not (folder / EFFECTS).is_file():

@@ -4,29 +4,34 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from nas_data.benchmarks.hardware import hardware
-from nas_data.dataset.provenance import now, read_provenance
+from nas_data.benchmarks.hardware import describe_hardware
+from nas_data.dataset.provenance import format_current_time, read_provenance
 from nas_data.gap.report import GapReport
-from nas_data.gap.showing.page_charts import joint_errors as errors_by_joint
-from nas_data.gap.showing.page_tables import NONE, joints_table
+from nas_data.gap.showing.page_charts import draw_joint_errors as errors_by_joint
+from nas_data.gap.showing.page_tables import NONE, make_joints_table
 from nas_data.gap.showing.page_verdict import describe_verdict
 from nas_data.gap.showing.page_words import as_words, format_confidence, format_interval, format_value, join_items
 from nas_data.gap.showing.series import Series
 from nas_data.joint_units import HINGE
-from nas_data.reports.charts import axis, logarithmic, motion, spread
+from nas_data.reports.charts import make_axis, make_log_axis, make_motion_chart, make_spread
 from nas_data.reports.page import Block, Chart, Facts, HtmlPage, HtmlTable, PageSection, Text
-from nas_data.reports.prediction_figures import FLOOR, joint_errors, quartiles
-from nas_data.reports.run_sections import learning_charts, models_chart, policies_table, target_chart
+from nas_data.reports.prediction_figures import FLOOR, compute_joint_errors, quartiles
+from nas_data.reports.run_sections import (
+    make_learning_charts,
+    make_models_chart,
+    make_policies_table,
+    make_target_chart,
+)
 from nas_data.reports.runs import Runs, find_runs
-from nas_data.reports.style import strokes
+from nas_data.reports.style import choose_strokes
 from nas_data.runs.stages import StageResult, read_stage
 from nas_data.studies.demo.learning import ERRORS, FOLDERS, NAMES, ROLLOUTS, load_errors, load_rollouts
 from nas_data.studies.demo.naming import FOLDER as GAP
-from nas_data.studies.demo.naming import named_dynamics
+from nas_data.studies.demo.naming import read_named_dynamics
 from nas_data.studies.demo.plan import Demo, DemoPlan
 from nas_data.studies.demo.policies import BASELINES, load_baselines
 from nas_data.studies.demo.policies import FOLDER as POLICIES
-from nas_data.studies.demo.recording import HELDOUT, TRAIN, newest
+from nas_data.studies.demo.recording import HELDOUT, TRAIN, find_newest
 from nas_data.whole_file import write_whole
 
 PAGE = "report.html"
@@ -43,14 +48,14 @@ def write_page(demo: Demo) -> StageResult:
     page = HtmlPage(
         "The gap between a simulator and its robot: recorded, learned, closed",
         [
-            PageSection("", [Text(LEAD, lead=True), *(Text(line) for line in about(demo.plan))]),
-            PageSection("In short", [Text(line + ".") for line in in_short(demo)]),
-            PageSection("What the simulator lacks, by name", names_blocks(demo)),
-            PageSection("One joint, as it moved and as it was predicted", [predictions(demo)]),
-            PageSection("Errors of prediction", errors_blocks(demo)),
-            PageSection("Policies", policies_blocks(demo, runs)),
-            PageSection("How the models learned", [models_chart(runs.models)]),
-            PageSection("What this rests on", [Facts(facts(demo))]),
+            PageSection("", [Text(LEAD, lead=True), *(Text(line) for line in describe_demo(demo.plan))]),
+            PageSection("In short", [Text(line + ".") for line in list_summaries(demo)]),
+            PageSection("What the simulator lacks, by name", make_names_blocks(demo)),
+            PageSection("One joint, as it moved and as it was predicted", [make_predictions_chart(demo)]),
+            PageSection("Errors of prediction", make_errors_blocks(demo)),
+            PageSection("Policies", make_policies_blocks(demo, runs)),
+            PageSection("How the models learned", [make_models_chart(runs.models)]),
+            PageSection("What this rests on", [Facts(list_facts(demo))]),
         ],
     )
     path = demo.folder / PAGE
@@ -58,19 +63,19 @@ def write_page(demo: Demo) -> StageResult:
     return StageResult([], {"page": str(path)}, [f"page → {path}"])
 
 
-def joints_with(plan: DemoPlan, effect: str) -> list[str]:
+def list_joints_with(plan: DemoPlan, effect: str) -> list[str]:
     """Return the joints in which the target has an effect."""
     return [item.joint for item in plan.task.effects(plan.dynamics) if item.name() == effect and item.joint]
 
 
-def in_short(demo: Demo) -> list[str]:
+def list_summaries(demo: Demo) -> list[str]:
     """Return the summaries of the stages."""
     return [line for name in ("names", "models", "policies") for line in read_stage(name, demo.folder).summary]
 
 
-def about(plan: DemoPlan) -> list[str]:
+def describe_demo(plan: DemoPlan) -> list[str]:
     """Return a description of the demo."""
-    play, slow = joints_with(plan, "backlash"), joints_with(plan, "speed_limit")
+    play, slow = list_joints_with(plan, "backlash"), list_joints_with(plan, "speed_limit")
     held = ", ".join(f"{hold:g}" for hold in plan.holds)
     return [
         "The arm is a Poppy Ergo Jr of six servos. To let everyone repeat this, it is itself simulated: the target. "
@@ -86,10 +91,10 @@ def about(plan: DemoPlan) -> list[str]:
     ]
 
 
-def names_blocks(demo: Demo) -> list[Block]:
+def make_names_blocks(demo: Demo) -> list[Block]:
     """Return the effects that `nas gap` named beside the hidden ones, and the errors before and after."""
     folder = demo.folder / GAP
-    if named_dynamics(demo) is None:
+    if read_named_dynamics(demo) is None:
         asked = "Nothing was named and nothing retuned." if demo.plan.named else "Not searched for: nas demo --names."
         return [Text(asked)]
     report, series = GapReport.load(folder), Series.read(folder)
@@ -98,9 +103,9 @@ def names_blocks(demo: Demo) -> list[Block]:
             f"nas gap was given the first {demo.plan.named} of the recorded episodes and the plain source; what hides "
             "in the target is known to the reader, not to the search. Find: where does the source err, and by how much?"
         ),
-        *joints_table(report),
+        *make_joints_table(report),
         Text("Name: which effects of the catalogue does it lack, and how large are they?"),
-        names_table(demo.plan, report),
+        make_names_table(demo.plan, report),
         Text(
             f"Add: {GAP}/model.xml is the source with what was named and retuned. {describe_verdict(report)} All "
             "that nas gap has "
@@ -110,7 +115,7 @@ def names_blocks(demo: Demo) -> list[Block]:
     ]
 
 
-def names_table(plan: DemoPlan, report: GapReport) -> HtmlTable:
+def make_names_table(plan: DemoPlan, report: GapReport) -> HtmlTable:
     """Return a table with a row for each hidden or named effect."""
     hidden = {(effect.name(), effect.joint): effect for effect in plan.task.effects(plan.dynamics)}
     named = {(effect.name, effect.joint): effect for effect in report.effects}
@@ -135,11 +140,11 @@ def names_table(plan: DemoPlan, report: GapReport) -> HtmlTable:
     return HtmlTable(("", "hidden", "named", "95 % interval", "confidence"), rows, note)
 
 
-def predictions(demo: Demo) -> Chart:
+def make_predictions_chart(demo: Demo) -> Chart:
     """Return the chart of one joint in one episode; the caption says how both are chosen."""
     plan, curves = demo.plan, load_rollouts(demo.folder / ROLLOUTS)
     joints = plan.task.joints
-    candidates = [joints.index(joint) for joint in joints_with(plan, "backlash")]
+    candidates = [joints.index(joint) for joint in list_joints_with(plan, "backlash")]
     wrong = np.sqrt(np.square(curves["source"] - curves["measured"]).mean(axis=1))  # [rad], shape (E, n)
     joint = max(candidates, key=lambda index: float(wrong[:, index].mean()))
     slow = np.arange(0, len(wrong), len(plan.holds))  # the episodes of the first hold
@@ -148,8 +153,8 @@ def predictions(demo: Demo) -> Chart:
     time = plan.task.period * np.arange(1, len(chosen["measured"]) + 1)
     predicted = {name: chosen[name] for name in LEARNERS if name in chosen}
     title = f"{joints[joint]} [{HINGE.mark}]"
-    traces, layout = motion(
-        time, chosen["measured"], predicted, chosen.get("command"), (title, HINGE.mark), strokes(list(chosen))
+    traces, layout = make_motion_chart(
+        time, chosen["measured"], predicted, chosen.get("command"), (title, HINGE.mark), choose_strokes(list(chosen))
     )
     caption = (
         f"Joint {joints[joint]} in held-out episode {episode}: of the joints with play, the one that the source "
@@ -159,13 +164,15 @@ def predictions(demo: Demo) -> Chart:
     return Chart("trajectory", caption, traces, layout, height=520)
 
 
-def errors_blocks(demo: Demo) -> list[Block]:
+def make_errors_blocks(demo: Demo) -> list[Block]:
     """Return the chart of errors over a rollout, and the tables of errors."""
     curves = load_rollouts(demo.folder / ROLLOUTS)
     n = len(demo.plan.task.joints)
     measured = curves.pop("measured")
     grown = {
-        name: np.degrees(quartiles([joint_errors(one, other, n) for one, other in zip(values, measured, strict=True)]))
+        name: np.degrees(
+            quartiles([compute_joint_errors(one, other, n) for one, other in zip(values, measured, strict=True)])
+        )
         for name, values in curves.items()
     }
     grown = {name: np.where(np.isfinite(rows), rows.clip(FLOOR), np.nan) for name, rows in grown.items()}
@@ -175,18 +182,18 @@ def errors_blocks(demo: Demo) -> list[Block]:
         "the upper quartile. Hold predicts that nothing moves, command that every joint is where it is told to be."
     )
     layout = {
-        "xaxis": axis("time since the start of the rollout [s]"),
-        "yaxis": logarithmic(f"position error, RMS of joints [{HINGE.mark}]"),
+        "xaxis": make_axis("time since the start of the rollout [s]"),
+        "yaxis": make_log_axis(f"position error, RMS of joints [{HINGE.mark}]"),
     }
     errors = load_errors(demo.folder / ERRORS)
     return [
-        Chart("error_growth", caption, spread(time, grown, strokes(list(grown))), layout),
-        error_table(
+        Chart("error_growth", caption, make_spread(time, grown, choose_strokes(list(grown))), layout),
+        make_error_table(
             errors["open_loop"],
             "Open loop: RMSE of positions over whole episodes [°]. Joints that the task does not act on are commanded "
             "to stay.",
         ),
-        error_table(
+        make_error_table(
             errors["one_step"],
             "One step: RMSE of the next position, each step started at the measured state [°]; the sensors' resolution "
             "of 0.29° is part of it.",
@@ -194,14 +201,14 @@ def errors_blocks(demo: Demo) -> list[Block]:
     ]
 
 
-def error_table(errors: Mapping[str, Mapping[str, float]], note: str) -> HtmlTable:
+def make_error_table(errors: Mapping[str, Mapping[str, float]], note: str) -> HtmlTable:
     """Return a table of RMSE in degrees: a row for each predictor, a column for each joint, all joints last."""
     headers = ["", *next(iter(errors.values()))]
     rows = [(name, *(f"{np.degrees(value):.2f}" for value in row.values())) for name, row in errors.items()]
     return HtmlTable(headers, rows, note)
 
 
-def policies_blocks(demo: Demo, runs: Runs) -> Sequence[Block]:
+def make_policies_blocks(demo: Demo, runs: Runs) -> Sequence[Block]:
     """Return the task of the policies, their learning curves and their scores on the target."""
     plan, groups = demo.plan, runs.groups()
     task = Text(
@@ -218,24 +225,24 @@ def policies_blocks(demo: Demo, runs: Runs) -> Sequence[Block]:
     )
     return [
         task,
-        *target_chart(groups),
-        policies_table(groups, load_baselines(demo.folder / BASELINES)),
-        *learning_charts(groups),
+        *make_target_chart(groups),
+        make_policies_table(groups, load_baselines(demo.folder / BASELINES)),
+        *make_learning_charts(groups),
         seeds,
     ]
 
 
-def facts(demo: Demo) -> dict[str, str]:
+def list_facts(demo: Demo) -> dict[str, str]:
     """Return the facts behind the page: machine, times, data, seeds, versions."""
-    plan, machine = demo.plan, hardware()
+    plan, machine = demo.plan, describe_hardware()
     stages = {name: read_stage(name, demo.folder) for name in ("record", "names", "models", "policies")}
     versions = machine["versions"]
     assert isinstance(versions, Mapping)
     times = ", ".join(f"{name} {done.seconds:.0f} s" for name, done in stages.items())
-    hashes = {name: newest(demo, name) for name in (TRAIN, HELDOUT)}
+    hashes = {name: find_newest(demo, name) for name in (TRAIN, HELDOUT)}
     provenances = {name: read_provenance(path) for name, path in hashes.items()}
     return {
-        "Made": f"{now()} by nas demo",
+        "Made": f"{format_current_time()} by nas demo",
         "Machine": f"{machine['processor']}, {machine['cores']} cores, {machine['system']}",
         "Time": f"{times}; {sum(done.seconds for done in stages.values()) / 60:.1f} min in all",
         "Load meanwhile": ", ".join(f"{done.load:g}" for done in stages.values()) + " processes",

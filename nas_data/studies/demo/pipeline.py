@@ -9,7 +9,7 @@ from nas_data.runs.stages import Done, Stage, StageResult, run_stages
 from nas_data.studies.demo.plan import Demo, DemoPlan
 
 
-def late(module: str, function: str) -> Callable[[Demo], StageResult]:
+def import_lazily(module: str, function: str) -> Callable[[Demo], StageResult]:
     """Return the function of a stage; its module, with heavy libraries, is imported when the stage runs."""
 
     def run(demo: Demo) -> StageResult:
@@ -26,7 +26,7 @@ STAGES = (
         "An arm of six servos (Poppy Ergo Jr) is moved to random targets and measured. It stands in for a real robot: "
         "two of its joints have play and its servos have a speed limit, of which the plain simulator knows nothing. "
         "That simulator is then set to every measured state and asked where the same command would lead.",
-        late("recording", "record_pairs"),
+        import_lazily("recording", "record_pairs"),
         ("datasets",),
     ),
     Stage(
@@ -35,7 +35,7 @@ STAGES = (
         "Where --names asks for it, `nas gap` is given episodes of the recording and the plain simulator, and is not "
         "told what differs. It finds where the two disagree, names the effects that the simulator lacks, and adds them "
         "to its model.",
-        late("naming", "name_effects"),
+        import_lazily("naming", "name_effects"),
         ("gap",),
     ),
     Stage(
@@ -45,7 +45,7 @@ STAGES = (
         "simulator. Both are trained on their own rollouts. 'validation' is the error of such rollouts [rad]; "
         "* marks the best so far, which is kept. Then both are compared with the simulator, and "
         "with one that has the names, if any.",
-        late("learning", "learn_models"),
+        import_lazily("learning", "learn_models"),
         ("models",),
     ),
     Stage(
@@ -54,10 +54,10 @@ STAGES = (
         "The task is to reach a point with the arm's tip. Policies learn it by PPO on the target (expert), in the "
         "plain simulator (source), in the simulator corrected by φ (augmented), in ψ (forward) and, if there are "
         "names, in the simulator with them (named). Then each is judged on the target.",
-        late("policies", "learn_policies"),
+        import_lazily("policies", "learn_policies"),
         ("policies",),
     ),
-    Stage("page", "Show", "Charts and tables go on one page.", late("page", "write_page"), ("report.html",)),
+    Stage("page", "Show", "Charts and tables go on one page.", import_lazily("page", "write_page"), ("report.html",)),
 )
 
 

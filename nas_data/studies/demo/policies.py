@@ -8,12 +8,12 @@ import numpy as np
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare
 from nas_data.policies.evaluate import score_baselines
-from nas_data.policies.intervals import bootstrap_of
+from nas_data.policies.intervals import describe_bootstrap
 from nas_data.policies.learner import Hyperparameters
 from nas_data.policies.watching import watching
 from nas_data.runs.stages import INDENT, StageResult
-from nas_data.studies.demo.learning import FOLDERS, cores
-from nas_data.studies.demo.naming import named_dynamics
+from nas_data.studies.demo.learning import FOLDERS, count_cores
+from nas_data.studies.demo.naming import read_named_dynamics
 from nas_data.studies.demo.plan import Demo
 from nas_data.whole_file import write_whole
 
@@ -24,9 +24,9 @@ BASELINES = "policies/baselines.json"
 def learn_policies(demo: Demo) -> StageResult:
     """Train every method with every seed, and evaluate each policy on the target."""
     plan = demo.plan
-    study = study_of(demo)
+    study = make_study(demo)
     with watching(study, demo.folder / FOLDER, lambda line: demo.report(f"{INDENT}{line}")):
-        comparison = compare(study, demo.folder / FOLDER, cores(), lambda line: demo.report(f"{INDENT}{line}"))
+        comparison = compare(study, demo.folder / FOLDER, count_cores(), lambda line: demo.report(f"{INDENT}{line}"))
     baselines = score_baselines(plan.target, plan.judged)
     said = [
         f"On the target, {plan.judged} episodes a policy (higher is better):",
@@ -38,7 +38,7 @@ def learn_policies(demo: Demo) -> StageResult:
     write_whole(demo.folder / BASELINES, (json.dumps(scores, indent=1) + "\n").encode())
     several = len(plan.seeds) > 1
     over = f", median of {len(plan.seeds)} seeds" if several else f", seed {plan.seeds[0]}"
-    brackets = f" (in brackets: {bootstrap_of(len(plan.seeds))})" if several else ""
+    brackets = f" (in brackets: {describe_bootstrap(len(plan.seeds))})" if several else ""
     summary = [
         f"Return on the target{over}: "
         + ", ".join(f"{method} {np.median(comparison.values(method)):.2f}" for method in study.methods),
@@ -57,11 +57,11 @@ def load_baselines(path: Path) -> dict[str, dict[str, float]]:
     return scores
 
 
-def study_of(demo: Demo) -> Study:
+def make_study(demo: Demo) -> Study:
     """Return the methods to compare: expert, source, φ, ψ and named effects, if any."""
     plan = demo.plan
     delta, forward = (str(demo.folder / FOLDERS[kind]) for kind in FOLDERS)
-    named = named_dynamics(demo)
+    named = read_named_dynamics(demo)
     return Study(
         target=plan.target,
         methods={

@@ -17,7 +17,7 @@ def record_pairs(demo: Demo) -> StageResult:
     plan, source = demo.plan, Predictor.of(demo.plan.environment)
     sets = ((TRAIN, plan.episodes, plan.seed), (HELDOUT, plan.heldout, plan.seed + 1))
     train, heldout = (
-        record_and_pair(recipe_of(plan, episodes, seed), source, name, demo.folder, DATASETS)
+        record_and_pair(make_recipe(plan, episodes, seed), source, name, demo.folder, DATASETS)
         for name, episodes, seed in sets
     )
     moved = plan.episodes * plan.seconds
@@ -26,10 +26,10 @@ def record_pairs(demo: Demo) -> StageResult:
         f"→ {demo.folder / train.path}",
         f"{plan.heldout} held-out episodes → {demo.folder / heldout.path}",
     ]
-    return StageResult(said, {"train": train.describe(), "heldout": heldout.describe(), **gap(plan)})
+    return StageResult(said, {"train": train.describe(), "heldout": heldout.describe(), **describe_gap(plan)})
 
 
-def gap(plan: DemoPlan) -> dict[str, object]:
+def describe_gap(plan: DemoPlan) -> dict[str, object]:
     """Return the effects and joints in which the target differs from the source, as text."""
     joints: dict[str, list[str]] = {}
     for effect in plan.task.effects(plan.dynamics):
@@ -37,7 +37,7 @@ def gap(plan: DemoPlan) -> dict[str, object]:
     return {"effects": [effect.to_json() for effect in plan.task.effects(plan.dynamics)], "joints": joints}
 
 
-def recipe_of(plan: DemoPlan, episodes: int, seed: int) -> Recipe:
+def make_recipe(plan: DemoPlan, episodes: int, seed: int) -> Recipe:
     """Return how the target is recorded: joints that the task does not act on are commanded as in the task."""
     period = plan.task.period
     return Recipe(
@@ -50,6 +50,6 @@ def recipe_of(plan: DemoPlan, episodes: int, seed: int) -> Recipe:
     )
 
 
-def newest(demo: Demo, name: str) -> Path:
+def find_newest(demo: Demo, name: str) -> Path:
     """Return the folder of a dataset's newest version: the paired one."""
     return versions.resolve(demo.folder / DATASETS / name)

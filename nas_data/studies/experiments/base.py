@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from nas_data import registry
-from nas_data.environment_ids import environment_name
+from nas_data.environment_ids import make_environment_name
 from nas_data.envs.base import find_task_file
 from nas_data.simulators.engines import ENGINE_NAMES
 from nas_data.studies.experiments.pipeline.artifacts import Artifacts, MaterialPlan
@@ -54,7 +54,7 @@ class Request:
 
     def home(self, environment: str) -> Path:
         """Return the folder of an environment's artifacts and policies; quick runs have their own."""
-        name = f"{environment_name(find_task_file(environment))}-{self.target}"
+        name = f"{make_environment_name(find_task_file(environment))}-{self.target}"
         return (self.folder / self.sizes.name if self.sizes.quick else self.folder) / name
 
     def material(self, environment: str, needs: Sequence[str]) -> Artifacts:
@@ -138,4 +138,4 @@ def find_experiment(name: str) -> Experiment:
     Raises:
         UnknownName: there is no such experiment; lists those there are.
     """
-    return registry.value(FOLDER, name, "experiment", Experiment)
+    return registry.find_value(FOLDER, name, "experiment", Experiment)

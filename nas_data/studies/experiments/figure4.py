@@ -4,11 +4,11 @@ import numpy as np
 
 from nas_data.count_of import count_of
 from nas_data.reports.experiment_figures import warn
-from nas_data.reports.prediction_figures import growth
+from nas_data.reports.prediction_figures import draw_error_growth
 from nas_data.reports.style import to_png
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request, ResultTable
 from nas_data.studies.experiments.pipeline.sequence import DRAWN, Sequence, predict_heldout
-from nas_data.studies.experiments.pipeline.table_notes import notes_on_models
+from nas_data.studies.experiments.pipeline.table_notes import list_model_notes
 
 PARTS = (0.25, 0.5, 1.0)  # shares of the rollout at which errors are reported
 HEADERS = ("predictor", *(f"error after {part:.0%} [°]" for part in PARTS), "whole rollout [°]", "all held out [°]")
@@ -22,18 +22,18 @@ def run(request: Request) -> ExperimentResult:
         end = f"-{environment}" if number else ""
         pictures[end] = found.picture(request.sizes.quick)
         grown = {name: found.errors(name) for name in DRAWN}
-        figure = growth(grown, 1 / found.dataset.fps)
+        figure = draw_error_growth(grown, 1 / found.dataset.fps)
         warn(figure, request.sizes.quick)
         pictures[f"{end}-growth"] = to_png(figure)
         title = f"{environment}, {request.target_text}: RMS position error over joints, started once, held-out sequence"
-        rows = [row(found, name) for name in DRAWN]
-        tables.append(ResultTable(title, HEADERS, rows, notes_on_models(found.material)))
-        notes.append(about(found, environment))
-        data[environment] = {**found.describe(), "rms_error_rad": {name: curve(found, name) for name in DRAWN}}
+        rows = [make_row(found, name) for name in DRAWN]
+        tables.append(ResultTable(title, HEADERS, rows, list_model_notes(found.material)))
+        notes.append(describe_sequence(found, environment))
+        data[environment] = {**found.describe(), "rms_error_rad": {name: list_errors(found, name) for name in DRAWN}}
     return ExperimentResult(tables, notes, {"environments": data}, pictures)
 
 
-def about(found: Sequence, environment: str) -> str:
+def describe_sequence(found: Sequence, environment: str) -> str:
     """Return notes on the chosen sequence and on diverged predictions."""
     lost = "".join(
         f" {name} left all bounds in {len(times)} of them." for name, times in found.evaluation.diverged.items()
@@ -47,23 +47,23 @@ def about(found: Sequence, environment: str) -> str:
     )
 
 
-def curve(found: Sequence, name: str) -> list[float]:
+def list_errors(found: Sequence, name: str) -> list[float]:
     """Return a predictor's error at each step [rad]."""
     errors: list[float] = found.errors(name)[found.episode].tolist()
     return errors
 
 
-def row(found: Sequence, name: str) -> tuple[str, ...]:
+def make_row(found: Sequence, name: str) -> tuple[str, ...]:
     """Return a predictor's errors [°]."""
     errors = found.errors(name)
     shown = errors[found.episode]
     at = [shown[max(0, round(part * len(shown)) - 1)] for part in PARTS]
     whole = float(np.sqrt(np.square(shown).mean()))
     every = float(np.median([np.sqrt(np.square(one).mean()) for one in errors]))
-    return (name, *(cell(value) for value in (*at, whole, every)))
+    return (name, *(format_cell(value) for value in (*at, whole, every)))
 
 
-def cell(error: float) -> str:
+def format_cell(error: float) -> str:
     """Return an error [rad] in degrees."""
     return f"{np.degrees(error):.3f}" if np.isfinite(error) else "diverged"
 

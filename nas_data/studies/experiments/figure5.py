@@ -1,12 +1,12 @@
 """Figure 5: return of each method's policies on the target."""
 
-from nas_data.environment_ids import environment_name
+from nas_data.environment_ids import make_environment_name
 from nas_data.envs.base import find_task_file
-from nas_data.reports.experiment_figures import returns_by_method
+from nas_data.reports.experiment_figures import draw_returns_by_method
 from nas_data.reports.style import to_png
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request
-from nas_data.studies.experiments.pipeline.authors import remarks
-from nas_data.studies.experiments.pipeline.compare_methods import compare_methods, describe, panel, table
+from nas_data.studies.experiments.pipeline.authors import list_remarks
+from nas_data.studies.experiments.pipeline.compare_methods import compare_methods, describe, make_panel, make_table
 
 
 def run(request: Request) -> ExperimentResult:
@@ -14,14 +14,14 @@ def run(request: Request) -> ExperimentResult:
     tables, panels, data = [], [], {}
     for environment in request.environments:
         material, comparison = compare_methods(request, environment)
-        name = environment_name(find_task_file(environment))
+        name = make_environment_name(find_task_file(environment))
         frames, judged = comparison.study.frames, comparison.study.episodes
         title = f"{name}, {request.target_text}: return on the target, {frames:,} frames, {judged} episodes a policy"
-        tables.append(table(material, comparison, title))
-        panels.append(panel(comparison, name))
+        tables.append(make_table(material, comparison, title))
+        panels.append(make_panel(comparison, name))
         data[name] = describe(material, comparison)
-    picture = to_png(returns_by_method(panels, "mean return on the target", request.sizes.quick))
-    return ExperimentResult(tables, remarks(request.environments), {"environments": data}, {"": picture})
+    picture = to_png(draw_returns_by_method(panels, "mean return on the target", request.sizes.quick))
+    return ExperimentResult(tables, list_remarks(request.environments), {"environments": data}, {"": picture})
 
 
 EXPERIMENT = Experiment(

@@ -11,21 +11,21 @@ from nas_data.envs.base import find_task_file
 from nas_data.errors import OptionError
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Comparison
 from nas_data.policies.evaluate import summarise_spread
-from nas_data.policies.intervals import kind_of, median_text
-from nas_data.reports.experiment_figures import return_over_count
+from nas_data.policies.intervals import describe_interval, format_median
+from nas_data.reports.experiment_figures import draw_return_over_count
 from nas_data.reports.style import to_png
 from nas_data.runs.parallel import run_jobs
-from nas_data.runs.progress import spoken
+from nas_data.runs.progress import format_duration
 from nas_data.runs.stages import INDENT
 from nas_data.studies.ablation.summary import ENOUGH
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request, ResultTable
 from nas_data.studies.experiments.pipeline.artifacts import Artifacts
 from nas_data.studies.experiments.pipeline.authors import RETURN_BY_COUNT
-from nas_data.studies.experiments.pipeline.compare_methods import hyperparameters, run_study, study
-from nas_data.studies.experiments.pipeline.dynamics import dynamics_of
+from nas_data.studies.experiments.pipeline.compare_methods import make_hyperparameters, make_study, run_study
+from nas_data.studies.experiments.pipeline.dynamics import describe_target
 from nas_data.studies.experiments.pipeline.sample_size import LEARNED, LEARNED_ON, CountJob, do_count
 from nas_data.studies.experiments.pipeline.stages import describe_stages
-from nas_data.studies.experiments.pipeline.table_notes import NAS, on_intervals
+from nas_data.studies.experiments.pipeline.table_notes import NAS, describe_intervals
 from nas_data.typed_json import to_json
 
 ENDS = (EXPERT_METHOD, SOURCE_METHOD)  # lower and upper reference of the curves
@@ -40,11 +40,11 @@ def run(request: Request) -> ExperimentResult:
     (environment,) = request.environments
     recorded = request.sizes.trajectories or max(counts)
     recording = replace(request, sizes=replace(request.sizes, trajectories=recorded), purpose=f"counts{recorded}")
-    ends = run_study(study(request, recording.material(environment, ()), ENDS), request, environment)
+    ends = run_study(make_study(request, recording.material(environment, ()), ENDS), request, environment)
     material = recording.material(environment, ("record",))
     returns, runs = sweep(request, material, counts, methods)
     authors = RETURN_BY_COUNT if find_task_file(environment) == "pusher" and NAS in methods else {}
-    picture = return_over_count(
+    picture = draw_return_over_count(
         counts,
         returns,
         {method: LEARNED_ON[method] for method in methods},
@@ -53,8 +53,8 @@ def run(request: Request) -> ExperimentResult:
         request.sizes.quick,
     )
     return ExperimentResult(
-        [table(request, material, counts, returns, ends)],
-        [enough(method, counts, values) for method, values in returns.items()],
+        [make_table(request, material, counts, returns, ends)],
+        [describe_sufficient_count(method, counts, values) for method, values in returns.items()],
         {
             "environment": environment,
             "counts": list(counts),
@@ -63,8 +63,8 @@ def run(request: Request) -> ExperimentResult:
             "runs": runs,
             "ends": ends.describe(),
             "authors": {str(count): {"mean": pair[0], "sd": pair[1]} for count, pair in authors.items()},
-            "hyperparameters": asdict(hyperparameters(request.sizes)),
-            "dynamics": dynamics_of(material),
+            "hyperparameters": asdict(make_hyperparameters(request.sizes)),
+            "dynamics": describe_target(material),
             "stages": describe_stages(material),
             "dataset": material.content_hash,
             "material": material.plan.describe(),
@@ -92,7 +92,7 @@ def describe(counts: tuple[int, ...], returns: np.ndarray) -> dict[str, object]:
     return {
         "returns": returns.tolist(),
         "spread": {str(count): summarise_spread(values) for count, values in zip(counts, returns, strict=True)},
-        "enough": smallest(counts, returns) if len(counts) > 1 else None,
+        "enough": find_sufficient_count(counts, returns) if len(counts) > 1 else None,
     }
 
 
@@ -113,7 +113,7 @@ def sweep(
             seed=seed,
             frames=sizes.frames,
             episodes=sizes.judged,
-            hyperparameters=hyperparameters(sizes),
+            hyperparameters=make_hyperparameters(sizes),
             policies=sizes.policies,
             folder=material.folder / "sweep" / str(count) / f"seed{seed}",
             presets=sizes.presets,
@@ -138,18 +138,18 @@ def sweep(
             f"{done} of {len(jobs)}: {count_of(job.count, 'trajectory', plural='trajectories')}, seed {job.seed}: "
             f"return {reached}"
         )
-        request.report(f"{INDENT}{told}, about {spoken(left)} left")
+        request.report(f"{INDENT}{told}, about {format_duration(left)} left")
     return returns, runs
 
 
-def smallest(counts: tuple[int, ...], returns: np.ndarray) -> int:
+def find_sufficient_count(counts: tuple[int, ...], returns: np.ndarray) -> int:
     """Return the smallest count whose median return is within 5 % of the best median."""
     medians = np.median(returns, axis=1)
     enough = medians >= medians.max() - ENOUGH * abs(medians.max())
     return counts[int(np.argmax(enough))]
 
 
-def enough(method: str, counts: tuple[int, ...], returns: np.ndarray) -> str:
+def describe_sufficient_count(method: str, counts: tuple[int, ...], returns: np.ndarray) -> str:
     """Say how many trajectories are enough for a method; a single number cannot tell."""
     medians = np.median(returns, axis=1)
     if len(counts) == 1:
@@ -158,14 +158,14 @@ def enough(method: str, counts: tuple[int, ...], returns: np.ndarray) -> str:
             f"{count_of(counts[0], 'trajectory', plural='trajectories')}; how many are enough "
             "takes several --counts."
         )
-    best, count = int(np.argmax(medians)), smallest(counts, returns)
+    best, count = int(np.argmax(medians)), find_sufficient_count(counts, returns)
     told = f"{LEARNED_ON[method]}: smallest number of trajectories whose median return is within "
     told += f"{ENOUGH:.0%} of the best: {count} ({medians[counts.index(count)]:.2f}; best {medians[best]:.2f} with "
     told += f"{counts[best]})"
     return told + (", the most that was tried, so that more may help." if count == counts[-1] else ".")
 
 
-def table(
+def make_table(
     request: Request,
     material: Artifacts,
     counts: tuple[int, ...],
@@ -175,39 +175,45 @@ def table(
     """Return the table: each method's counts, then both references."""
     environment, seeds = request.environments[0], len(request.sizes.seeds)
     rows = [
-        (LEARNED_ON[method], str(count), *cells(row), theirs(environment, method, count))
+        (LEARNED_ON[method], str(count), *format_cells(row), format_authors_numbers(environment, method, count))
         for method, values in returns.items()
         for count, row in zip(counts, values, strict=True)
     ]
-    rows += [(LEARNED_ON[method], "none", *cells(ends.values(method)), "") for method in ENDS]
+    rows += [(LEARNED_ON[method], "none", *format_cells(ends.values(method)), "") for method in ENDS]
     title = (
         f"{environment}, {request.target_text}: return on the target by recorded trajectories, "
         f"{request.sizes.frames:,} frames, {request.sizes.judged} episodes each"
     )
     stake = ends.at_stake()
     nothing = None if stake is None else stake.sentence()
-    notes = [dynamics_of(material), *([nothing] if nothing else []), ONE_RECORDING, on_intervals(seeds), *ends.lost()]
-    return ResultTable(title, headers(seeds), rows, [note for note in notes if note])
+    notes = [
+        describe_target(material),
+        *([nothing] if nothing else []),
+        ONE_RECORDING,
+        describe_intervals(seeds),
+        *ends.lost(),
+    ]
+    return ResultTable(title, make_headers(seeds), rows, [note for note in notes if note])
 
 
-def headers(seeds: int) -> tuple[str, ...]:
+def make_headers(seeds: int) -> tuple[str, ...]:
     """Return the column headings, with the kind of interval over seeds."""
-    median = f"return: median [{kind_of(seeds)}]" if seeds > 1 else "return: median"
+    median = f"return: median [{describe_interval(seeds)}]" if seeds > 1 else "return: median"
     return ("learned on", "trajectories", "seeds", median, "min … max", "mean ± sd", "authors: mean ± sd")
 
 
-def cells(values: np.ndarray) -> tuple[str, str, str, str]:
+def format_cells(values: np.ndarray) -> tuple[str, str, str, str]:
     """Return the number of seeds, median with its interval, extremes, mean with its deviation."""
     over = summarise_spread(values)
     return (
         str(len(values)),
-        median_text(values),
+        format_median(values),
         f"{values.min():.2f} … {values.max():.2f}",
         f"{over['mean']:.2f} ± {over['sd']:.2f}",
     )
 
 
-def theirs(environment: str, method: str, count: int) -> str:
+def format_authors_numbers(environment: str, method: str, count: int) -> str:
     """Return the authors' numbers, if published."""
     if method != NAS or find_task_file(environment) != "pusher" or count not in RETURN_BY_COUNT:
         return ""

@@ -2,14 +2,14 @@
 
 from dataclasses import replace
 
-from nas_data.environment_ids import environment_name
+from nas_data.environment_ids import make_environment_name
 from nas_data.envs.base import find_task_file
-from nas_data.reports.experiment_figures import returns_by_method
+from nas_data.reports.experiment_figures import draw_returns_by_method
 from nas_data.reports.style import to_png
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request
 from nas_data.studies.experiments.pipeline.artifacts import NAMES
-from nas_data.studies.experiments.pipeline.authors import remarks
-from nas_data.studies.experiments.pipeline.compare_methods import compare_methods, describe, panel, table
+from nas_data.studies.experiments.pipeline.authors import list_remarks
+from nas_data.studies.experiments.pipeline.compare_methods import compare_methods, describe, make_panel, make_table
 from nas_data.studies.experiments.pipeline.methods import METHODS
 from nas_data.studies.experiments.pipeline.sequence import predict_heldout
 
@@ -18,13 +18,13 @@ SKIPPED = "What `nas gap` names is left out: naming six joints takes longer than
 
 def run(request: Request) -> ExperimentResult:
     """Draw one joint's response, then compare the methods' hits."""
-    notes = remarks(request.environments)
+    notes = list_remarks(request.environments)
     tables, panels, data, pictures = [], [], {}, {}
     if request.sizes.quick and not request.methods:
         request = replace(request, methods=tuple(name for name, one in METHODS.items() if NAMES not in one.needs))
         notes.append(SKIPPED)
     for number, environment in enumerate(request.environments):
-        name = environment_name(find_task_file(environment))
+        name = make_environment_name(find_task_file(environment))
         found = predict_heldout(request, environment)
         pictures["-response" + (f"-{name}" if number else "")] = found.picture(request.sizes.quick)
         joint, episode = found.dataset.joints[found.joint], found.episode
@@ -32,10 +32,10 @@ def run(request: Request) -> ExperimentResult:
         material, comparison = compare_methods(request, environment)
         frames = comparison.study.frames
         title = f"{name}, {request.target_text}: mean return of an episode on the target, {frames:,} frames"
-        tables.append(table(material, comparison, title))
-        panels.append(panel(comparison, name))
+        tables.append(make_table(material, comparison, title))
+        panels.append(make_panel(comparison, name))
         data[name] = {**describe(material, comparison), "response": found.describe()}
-    picture = to_png(returns_by_method(panels, "mean return of an episode", request.sizes.quick))
+    picture = to_png(draw_returns_by_method(panels, "mean return of an episode", request.sizes.quick))
     return ExperimentResult(tables, notes, {"environments": data}, {"": picture, **pictures})
 
 

@@ -10,7 +10,7 @@ from nas_data.studies.experiments.base import Experiment, ExperimentResult, Requ
 from nas_data.studies.experiments.pipeline.authors import DIFFERENCES
 from nas_data.studies.experiments.pipeline.sequence import Sequence, predict_heldout
 from nas_data.studies.experiments.pipeline.stages import describe_stages
-from nas_data.studies.experiments.pipeline.table_notes import notes_on_models
+from nas_data.studies.experiments.pipeline.table_notes import list_model_notes
 
 UNIT = np.pi / 2  # [rad] the authors measure angles in units of 90°
 PREDICTORS = ("source", "ψ", "source + φ", "hold")
@@ -32,12 +32,15 @@ def run(request: Request) -> ExperimentResult:
             )
             comparable = name == "the paper's protocol" and find_task_file(environment) == "ergo_shield"
             tables.append(
-                ResultTable(title, HEADERS, rows(found, episodes, comparable), notes_on_models(found.material))
+                ResultTable(title, HEADERS, make_rows(found, episodes, comparable), list_model_notes(found.material))
             )
         notes += describe_numbers(found)
         data[environment] = {
             "unit": "squared angle in units of 90 degrees; multiply by (π/2)² for rad²",
-            **{key: {one: statistics(found, one, chosen) for one in PREDICTORS} for key, (chosen, _) in kinds.items()},
+            **{
+                key: {one: compute_statistics(found, one, chosen) for one in PREDICTORS}
+                for key, (chosen, _) in kinds.items()
+            },
             "authors": {name: numbers.describe() for name, numbers in DIFFERENCES.items()},
             "dataset": found.material.content_hash,
             "material": found.material.plan.describe(),
@@ -46,36 +49,41 @@ def run(request: Request) -> ExperimentResult:
     return ExperimentResult(tables, notes, {"environments": data})
 
 
-def differences(found: Sequence, name: str, episodes: List[int]) -> np.ndarray:
+def compute_differences(found: Sequence, name: str, episodes: List[int]) -> np.ndarray:
     """Return the mean squared differences of each trajectory and joint, infinite after divergence, shape (E · n,)."""
     squared = found.evaluation.open_loop[name].squared[list(episodes)] / UNIT**2
     return np.where(np.isfinite(squared), squared, np.inf).ravel()
 
 
-def statistics(found: Sequence, name: str, episodes: List[int]) -> dict[str, float]:
+def compute_statistics(found: Sequence, name: str, episodes: List[int]) -> dict[str, float]:
     """Return quartiles and mean of a predictor's differences; quartiles are actual values, not interpolated."""
-    values = differences(found, name, episodes)
+    values = compute_differences(found, name, episodes)
     first, middle, third = np.quantile(values, [0.25, 0.5, 0.75], method="inverted_cdf")
     return {"first_quartile": float(first), "mean": float(values.mean()), "third_quartile": float(third)} | {
         "median": float(middle)
     }
 
 
-def rows(found: Sequence, episodes: List[int], authors: bool) -> list[tuple[str, ...]]:
+def make_rows(found: Sequence, episodes: List[int], authors: bool) -> list[tuple[str, ...]]:
     """Return one table row per predictor."""
     return [
-        (name, *map(cell, statistics(found, name, episodes).values()), theirs(name, authors)) for name in PREDICTORS
+        (
+            name,
+            *map(format_cell, compute_statistics(found, name, episodes).values()),
+            format_authors_numbers(name, authors),
+        )
+        for name in PREDICTORS
     ]
 
 
-def theirs(name: str, shown: bool) -> str:
+def format_authors_numbers(name: str, shown: bool) -> str:
     """Return the authors' numbers for a predictor, if published."""
     if not shown or name not in DIFFERENCES:
         return ""
     return ", ".join(f"{value:.3f}" for value in DIFFERENCES[name].values)
 
 
-def cell(value: float) -> str:
+def format_cell(value: float) -> str:
     """Return a difference as text."""
     return f"{value:.4f}" if np.isfinite(value) else "diverged"
 

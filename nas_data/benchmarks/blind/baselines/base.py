@@ -33,5 +33,7 @@ def find_baseline(name: str) -> Callable[[Path, Path], Claim]:
     Raises:
         UnknownName: there is no such baseline; lists those there are.
     """
-    answer: Callable[[Path, Path], Claim] = registry.module("benchmarks.blind.baselines", name, "baseline").answer
+    answer: Callable[[Path, Path], Claim] = registry.import_plugin(
+        "benchmarks.blind.baselines", name, "baseline"
+    ).answer
     return answer

@@ -6,11 +6,11 @@ import numpy as np
 
 from nas_data.benchmarks.blind.baselines.base import Claim, claim
 from nas_data.benchmarks.blind.recorded import RecordedCase
-from nas_data.benchmarks.blind.resimulate import Delivered, actuators_of
+from nas_data.benchmarks.blind.resimulate import Delivered, find_actuators
 from nas_data.simulators.mujoco import MujocoSimulator
 
 LEAST = 0.02  # share of a residual's variance that a regressor must explain alone to be named
-# each regressor's effect, in the order of `regressors`
+# each regressor's effect, in the order of `compute_regressors`
 EFFECTS = ("coulomb_friction", "viscous_friction", "rotor_inertia", "servo_stiffness", "joint_offset", "command_delay")
 
 
@@ -23,15 +23,18 @@ def answer(dataset: Path, model: Path) -> Claim:
     predicted = simulator.predict(states.reshape(-1, 2 * n), commands.reshape(-1, n)).reshape(states.shape)
     residual = (recorded.states[:, 2:] - predicted)[..., n:] * recorded.rate
     shares = np.array(
-        [explained_shares(regressors(recorded, joint), residual[..., joint].ravel()) for joint in range(n)]
+        [
+            compute_explained_shares(compute_regressors(recorded, joint), residual[..., joint].ravel())
+            for joint in range(n)
+        ]
     )
     joint, effect = np.unravel_index(int(np.argmax(shares)), shares.shape)
     named = (claim(EFFECTS[int(effect)], recorded.joints[int(joint)]),) if shares.max() > LEAST else ()
-    plain = Delivered.load(model, recorded.joints, actuators_of(model, recorded.joints), recorded.rate)
+    plain = Delivered.load(model, recorded.joints, find_actuators(model, recorded.joints), recorded.rate)
     return Claim(named, plain.play)
 
 
-def regressors(recorded: RecordedCase, joint: int) -> np.ndarray:
+def compute_regressors(recorded: RecordedCase, joint: int) -> np.ndarray:
     """Return what a joint's residual may go with, shape (6, samples), in the order of `EFFECTS`."""
     n = len(recorded.joints)
     position, speed = recorded.states[:, 1:-1, joint], recorded.states[:, 1:-1, n + joint]
@@ -41,14 +44,14 @@ def regressors(recorded: RecordedCase, joint: int) -> np.ndarray:
     return np.stack([column.ravel() for column in columns])
 
 
-def explained_shares(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
+def compute_explained_shares(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
     """Return the share of the residual's mean square that goes when each regressor is added to all others."""
-    whole = residual_sum_of_squares(columns, residual)
-    alone = [residual_sum_of_squares(np.delete(columns, row, axis=0), residual) - whole for row in range(len(columns))]
+    whole = sum_squared_residuals(columns, residual)
+    alone = [sum_squared_residuals(np.delete(columns, row, axis=0), residual) - whole for row in range(len(columns))]
     return np.array(alone) / (residual @ residual)
 
 
-def residual_sum_of_squares(columns: np.ndarray, residual: np.ndarray) -> float:
+def sum_squared_residuals(columns: np.ndarray, residual: np.ndarray) -> float:
     """Return the sum of squares that linear regression leaves."""
     weights = np.linalg.lstsq(columns.T, residual, rcond=None)[0]
     rest = residual - weights @ columns

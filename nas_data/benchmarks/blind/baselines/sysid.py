@@ -10,7 +10,7 @@ from mujoco import minimize
 
 from nas_data.benchmarks.blind.baselines.base import Claim, claim
 from nas_data.benchmarks.blind.recorded import RecordedCase
-from nas_data.benchmarks.blind.resimulate import Delivered, actuators_of
+from nas_data.benchmarks.blind.resimulate import Delivered, find_actuators
 from nas_data.simulators.layout import FULLPHYSICS, Layout
 from nas_data.simulators.rest_states import RestStates
 
@@ -65,9 +65,9 @@ class SysidProblem:
     def residual(self, columns: np.ndarray) -> np.ndarray:
         """Return simulated minus measured positions [rad] for columns of logarithms: (residuals, columns)."""
         columns = columns.reshape(len(columns), -1)
-        return np.stack([self._misfit(self.changed(column)) for column in columns.T], axis=1)
+        return np.stack([self._compute_misfit(self.changed(column)) for column in columns.T], axis=1)
 
-    def _misfit(self, model: mujoco.MjModel) -> np.ndarray:
+    def _compute_misfit(self, model: mujoco.MjModel) -> np.ndarray:
         commands, first = self.recorded.commands[:EPISODES], self.recorded.states[:EPISODES, 0].copy()
         if self.layout.inputs.positional.all():  # nothing holds an arm under torque commands at rest
             first[:, len(self.recorded.joints) :] = 0
@@ -91,8 +91,8 @@ def answer(dataset: Path, model: Path) -> Claim:
         np.zeros(count), fit.residual, bounds, eps=STEP, max_iter=ITERATIONS, verbose=0, x_scale="jac"
     )
     logarithms = np.asarray(best).reshape(-1)
-    doubts = half_widths(fit, logarithms)
-    servos = actuators_of(model, recorded.joints)
+    doubts = compute_half_widths(fit, logarithms)
+    servos = find_actuators(model, recorded.joints)
     fitted = Delivered.of(fit.changed(logarithms), recorded.joints, servos, recorded.rate, model)
     out = np.abs(logarithms) - doubts - TOLERATED
     worst = int(np.argmax(out))
@@ -102,7 +102,7 @@ def answer(dataset: Path, model: Path) -> Claim:
     return Claim((claim(effect, joint),) if out[worst] > 0 else (), fitted.play)
 
 
-def half_widths(fit: SysidProblem, logarithms: np.ndarray) -> np.ndarray:
+def compute_half_widths(fit: SysidProblem, logarithms: np.ndarray) -> np.ndarray:
     """Return half widths of 95 % intervals, independent residuals assumed, as `mujoco.sysid` has them."""
     around = np.concatenate([np.zeros((len(logarithms), 1)), STEP * np.eye(len(logarithms))], axis=1)
     columns = fit.residual(logarithms[:, None] + around)

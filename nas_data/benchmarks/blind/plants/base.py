@@ -70,14 +70,16 @@ def find_plant(name: str) -> Play:
     Raises:
         UnknownName: there is no such plant; lists those there are.
     """
-    plants = [file.removesuffix(SUFFIX) for file in registry.names("benchmarks.blind.plants") if file.endswith(SUFFIX)]
+    plants = [
+        file.removesuffix(SUFFIX) for file in registry.list_names("benchmarks.blind.plants") if file.endswith(SUFFIX)
+    ]
     if name not in plants:
         raise UnknownName("plant", name, plants)
-    play: Play = registry.module("benchmarks.blind.plants", name + SUFFIX, "plant").play
+    play: Play = registry.import_plugin("benchmarks.blind.plants", name + SUFFIX, "plant").play
     return play
 
 
-def player(simulate: Simulate) -> Play:
+def make_play(simulate: Simulate) -> Play:
     """Return a plant's `play` from its simulation."""
 
     def play(
@@ -99,7 +101,7 @@ def player(simulate: Simulate) -> Play:
     return play
 
 
-def in_groups(simulate: SimulateAlike) -> Simulate:
+def make_grouped_simulation(simulate: SimulateAlike) -> Simulate:
     """Return a simulation under any truths from one of arms that are alike."""
 
     def every(
@@ -112,7 +114,7 @@ def in_groups(simulate: SimulateAlike) -> Simulate:
     ) -> np.ndarray:
         episodes, steps, n = commands.shape
         result = np.empty((len(truths), episodes, steps + 1, 2 * n))
-        for rows, bodies in alike(arm, truths):
+        for rows, bodies in group_by_links(arm, truths):
             result[rows] = simulate(bodies, commands, starts, period, feedback)
         return result
 
@@ -127,7 +129,7 @@ def with_settling(
     return np.concatenate([np.repeat(poses[:, None], held, axis=1), commands], axis=1), held
 
 
-def alike(arm: NominalArm, truths: Sequence[Truth]) -> Iterator[tuple[list[int], list[PlantBody]]]:
+def group_by_links(arm: NominalArm, truths: Sequence[Truth]) -> Iterator[tuple[list[int], list[PlantBody]]]:
     """Group truths whose arms have equally many links, so that each group can be stacked."""
     constants = Constants.of(arm.model())
     bodies = [hide(constants, truth) for truth in truths]
@@ -136,21 +138,21 @@ def alike(arm: NominalArm, truths: Sequence[Truth]) -> Iterator[tuple[list[int],
         yield rows, [bodies[row] for row in rows]
 
 
-def starting(body: PlantBody, starts: np.ndarray) -> np.ndarray:
+def compute_start_states(body: PlantBody, starts: np.ndarray) -> np.ndarray:
     """Return the links' first angles, then speeds (E, 2n): the start, and a load that swings hanging straight down."""
     if len(body.masses) == body.driven:
         return starts
     poses, speeds = np.split(starts, 2, axis=1)
     still = np.zeros((len(poses), 1))
     whole = np.concatenate([poses, still], axis=1)
-    rotations = chain_of(stack_arms([body], len(poses))).frames(whole)[0][:, -1]
+    rotations = make_chain(stack_arms([body], len(poses))).frames(whole)[0][:, -1]
     rod = rotations @ body.centres[-1]
     across = cross(rotations @ body.axes[-1], rod)
     whole[:, -1] = np.arctan2(across @ body.gravity, rod @ body.gravity)
     return np.concatenate([whole, speeds, still], axis=1)
 
 
-def chain_of(numbers: dict[str, np.ndarray]) -> Chain:
+def make_chain(numbers: dict[str, np.ndarray]) -> Chain:
     """Return the rigid bodies of stacked arms."""
     return Chain(*(numbers[field.name] for field in fields(Chain)))
 

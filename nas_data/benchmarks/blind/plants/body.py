@@ -6,7 +6,7 @@ import numpy as np
 
 from nas_data.benchmarks.blind.plants.constants import Constants
 from nas_data.benchmarks.blind.plants.numbers import Hideable, Links, Servos
-from nas_data.benchmarks.blind.plants.vectors import about
+from nas_data.benchmarks.blind.plants.vectors import make_rotation
 from nas_data.benchmarks.blind.truth import Base
 
 NEUTRAL = {
@@ -59,7 +59,7 @@ class PlantBody(Hideable, Servos, Links):
         """
         axis = self.axes[-1]
         across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-        pin = about(axis, heading) @ (across / np.linalg.norm(across))
+        pin = make_rotation(axis, heading) @ (across / np.linalg.norm(across))
         rod = np.cross(pin, axis)  # perpendicular to the pin, so that the weight swings about it
         link = {"offsets": self.centres[-1], "turns": np.eye(3), "axes": pin, "masses": mass, "centres": length * rod}
         size = 1e-4 * mass * np.eye(3) * length**2 + 1e-8 * np.eye(3)

@@ -6,7 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.benchmarks.blind.plants.base import Feedback, in_groups, pad_commands, player, starting
+from nas_data.benchmarks.blind.plants.base import (
+    Feedback,
+    compute_start_states,
+    make_grouped_simulation,
+    make_play,
+    pad_commands,
+)
 from nas_data.benchmarks.blind.plants.body import PlantBody, stack_arms
 from nas_data.benchmarks.blind.plants.motion import PlantState
 from nas_data.benchmarks.blind.plants.servo_model import LEAD, REFRESH, Drive
@@ -20,7 +26,7 @@ def simulate(
 ) -> np.ndarray:
     """Return states (C, E, T + 1, 2n) of C similar arms under commands (E, T, n) from states (E, 2n)."""
     episodes, steps, n = commands.shape
-    first = np.concatenate([starting(body, starts) for body in bodies])
+    first = np.concatenate([compute_start_states(body, starts) for body in bodies])
     drive = Drive.of(stack_arms(bodies, episodes))
     motion = PlantState(drive, np.tile(pad_commands(bodies[0], commands), (len(bodies), 1, 1)), period, first)
     at = np.split(np.concatenate([motion.q, motion.v], axis=1), len(bodies))
@@ -37,24 +43,28 @@ def simulate(
     return measured.reshape(len(bodies), episodes, steps + 1, 2 * n)
 
 
-play = player(in_groups(simulate))
+play = make_play(make_grouped_simulation(simulate))
 
 
 def move(motion: PlantState, worlds: "list[BulletArms]", episodes: int) -> None:
     """Step by `REFRESH`: the drives in small steps, then each world once with their mean torques."""
     rows = [slice(first, first + episodes) for first in range(0, len(motion.q), episodes)]
-    mass, bias = together([world.dynamics(world.v) for world in worlds])
+    mass, bias = concatenate_pairs([world.dynamics(world.v) for world in worlds])
     before, (_, middle) = motion.v, motion.middle()
     if motion.drive.motors:
-        motion.advance(*together([world.dynamics(middle[part]) for world, part in zip(worlds, rows, strict=True)]))
+        motion.advance(
+            *concatenate_pairs([world.dynamics(middle[part]) for world, part in zip(worlds, rows, strict=True)])
+        )
     else:
         motion.advance(mass, bias)
     # mean torque of the drives on the links, without that on their rotors, which PyBullet does not have
     torques = (mass @ ((motion.v - before) / REFRESH)[..., None])[..., 0] + bias
-    motion.q, motion.v = together([world.step(torques[part]) for world, part in zip(worlds, rows, strict=True)])
+    motion.q, motion.v = concatenate_pairs(
+        [world.step(torques[part]) for world, part in zip(worlds, rows, strict=True)]
+    )
 
 
-def together(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+def concatenate_pairs(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
     """Return pairs of arrays as one pair."""
     first, second = zip(*parts, strict=True)
     return np.concatenate(first), np.concatenate(second)
@@ -131,35 +141,36 @@ class BulletArms:
 
 def to_urdf(body: PlantBody) -> str:
     """Write an arm as URDF: link 0 is the fixed base, joint k carries link k; no shapes, no limits, no rotors."""
-    parts = ['<robot name="arm">', link(0, 0.0, np.zeros(3), np.zeros((3, 3)))]
+    parts = ['<robot name="arm">', format_link(0, 0.0, np.zeros(3), np.zeros((3, 3)))]
     for row in range(len(body.masses)):
-        parts.append(link(row + 1, body.masses[row], body.centres[row], body.inertias[row]))
-        parts.append(joint(row + 1, body, row))
+        parts.append(format_link(row + 1, body.masses[row], body.centres[row], body.inertias[row]))
+        parts.append(format_joint(row + 1, body, row))
     return "\n".join([*parts, "</robot>"])
 
 
-def link(number: int, mass: float, centre: np.ndarray, inertia: np.ndarray) -> str:
+def format_link(number: int, mass: float, centre: np.ndarray, inertia: np.ndarray) -> str:
     """Write a link with its mass [kg], centre of mass [m] and inertia about it [kg m²], turned to principal axes."""
     moments, axes = np.linalg.eigh(inertia)
     axes = axes * np.sign(np.linalg.det(axes))  # a rotation, not a mirror
     ixx, iyy, izz = (repr(float(moment)) for moment in moments)
     return (
-        f'<link name="l{number}"><inertial>{origin(centre, axes)}<mass value="{float(mass)!r}"/>'
+        f'<link name="l{number}"><inertial>{format_origin(centre, axes)}<mass value="{float(mass)!r}"/>'
         f'<inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
     )
 
 
-def joint(number: int, body: PlantBody, row: int) -> str:
+def format_joint(number: int, body: PlantBody, row: int) -> str:
     """Write the hinge or slide that carries a link; a lower limit above the upper one is none."""
     kind = "prismatic" if body.sliding[row] else "continuous"
     limit = '<limit lower="1" upper="-1" effort="0" velocity="0"/>' if body.sliding[row] else ""
     return (
         f'<joint name="q{number}" type="{kind}"><parent link="l{number - 1}"/><child link="l{number}"/>'
-        f'{origin(body.offsets[row], body.turns[row])}<axis xyz="{numbers(body.axes[row])}"/>{limit}</joint>'
+        f"{format_origin(body.offsets[row], body.turns[row])}"
+        f'<axis xyz="{format_numbers(body.axes[row])}"/>{limit}</joint>'
     )
 
 
-def origin(place: np.ndarray, turn: np.ndarray) -> str:
+def format_origin(place: np.ndarray, turn: np.ndarray) -> str:
     """Write a place [m] and a rotation matrix as URDF's roll, pitch and yaw about fixed axes."""
     level = float(np.hypot(turn[0, 0], turn[1, 0]))
     pitch = np.arctan2(-turn[2, 0], level)
@@ -167,9 +178,9 @@ def origin(place: np.ndarray, turn: np.ndarray) -> str:
         roll, yaw = np.arctan2(turn[2, 1], turn[2, 2]), np.arctan2(turn[1, 0], turn[0, 0])
     else:  # gimbal lock: only the difference of roll and yaw is determined
         roll, yaw = np.arctan2(-turn[1, 2], turn[1, 1]), 0.0
-    return f'<origin xyz="{numbers(place)}" rpy="{numbers(np.array([roll, pitch, yaw]))}"/>'
+    return f'<origin xyz="{format_numbers(place)}" rpy="{format_numbers(np.array([roll, pitch, yaw]))}"/>'
 
 
-def numbers(values: np.ndarray) -> str:
+def format_numbers(values: np.ndarray) -> str:
     """Return numbers that read back as the same doubles."""
     return " ".join(repr(float(value)) for value in values)

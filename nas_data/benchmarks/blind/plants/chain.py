@@ -59,10 +59,10 @@ class Chain(Links):
         inertias = rotations @ self.inertias @ rotations.swapaxes(-1, -2)
         # speed of what turns or shifts with a joint where it passes the base's origin, up to sign
         moments = cross(axes, places) - shifting
-        mass = self._mass_matrix(axes, places, places + lever, inertias, moments)
-        return mass, self._bias(axes, places, lever, inertias, moments, v, shifting)
+        mass = self._compute_mass_matrix(axes, places, places + lever, inertias, moments)
+        return mass, self._compute_bias(axes, places, lever, inertias, moments, v, shifting)
 
-    def _mass_matrix(
+    def _compute_mass_matrix(
         self, axes: np.ndarray, places: np.ndarray, centres: np.ndarray, inertias: np.ndarray, moments: np.ndarray
     ) -> np.ndarray:
         """Composite-rigid-body method, Featherstone 2008, with moments about the base's origin."""
@@ -77,7 +77,7 @@ class Chain(Links):
         upper = np.triu(full)
         return np.asarray(upper + np.triu(full, 1).swapaxes(-1, -2))
 
-    def _bias(
+    def _compute_bias(
         self,
         axes: np.ndarray,
         places: np.ndarray,

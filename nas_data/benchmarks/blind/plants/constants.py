@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from nas_data.benchmarks.blind.plants.numbers import Links, Servos
-from nas_data.benchmarks.blind.plants.vectors import rotation
+from nas_data.benchmarks.blind.plants.vectors import convert_quaternion
 from nas_data.errors import ModelFileError
 
 
@@ -27,12 +27,12 @@ class Constants(Servos, Links):
         Raises:
             ModelFileError: it is no plain serial arm of hinges and slides with one position servo or motor each.
         """
-        bodies = serial_bodies(model)
-        turned = [rotation(model.body_iquat[body]) for body in bodies]
+        bodies = find_serial_bodies(model)
+        turned = [convert_quaternion(model.body_iquat[body]) for body in bodies]
         inertias = [
             turn @ np.diag(model.body_inertia[body]) @ turn.T for turn, body in zip(turned, bodies, strict=True)
         ]
-        servos = np.array([servo_of(model, joint) for joint in range(model.njnt)])
+        servos = np.array([find_servo(model, joint) for joint in range(model.njnt)])
         force, control = model.actuator_forcerange[servos].copy(), model.actuator_ctrlrange[servos].copy()
         force[model.actuator_forcelimited[servos] == 0] = (-np.inf, np.inf)
         control[model.actuator_ctrllimited[servos] == 0] = (-np.inf, np.inf)
@@ -40,13 +40,13 @@ class Constants(Servos, Links):
             joints=tuple(model.joint(joint).name for joint in range(model.njnt)),
             offsets=model.body_pos[bodies].copy(),
             sliding=model.jnt_type == int(mujoco.mjtJoint.mjJNT_SLIDE),
-            turns=np.stack([rotation(model.body_quat[body]) for body in bodies]),
+            turns=np.stack([convert_quaternion(model.body_quat[body]) for body in bodies]),
             axes=model.jnt_axis.copy(),
             masses=model.body_mass[bodies].copy(),
             centres=model.body_ipos[bodies].copy(),
             inertias=np.stack(inertias),
             gravity=model.opt.gravity.copy(),
-            damping=first_coefficients(model.dof_damping, model.nv),
+            damping=select_linear_coefficients(model.dof_damping, model.nv),
             armature=model.dof_armature.copy(),
             friction=model.dof_frictionloss.copy(),
             gain=-model.actuator_biasprm[servos, 1],
@@ -57,12 +57,12 @@ class Constants(Servos, Links):
         )
 
 
-def first_coefficients(values: np.ndarray, count: int) -> np.ndarray:
+def select_linear_coefficients(values: np.ndarray, count: int) -> np.ndarray:
     """Return the linear coefficient of each degree of freedom where the model may hold a polynomial."""
     return np.asarray(values, float).reshape(count, -1)[:, 0].copy()
 
 
-def serial_bodies(model: mujoco.MjModel) -> list[int]:
+def find_serial_bodies(model: mujoco.MjModel) -> list[int]:
     """Return the bodies of a serial chain from the base on.
 
     Raises:
@@ -80,7 +80,7 @@ def serial_bodies(model: mujoco.MjModel) -> list[int]:
     return bodies
 
 
-def servo_of(model: mujoco.MjModel, joint: int) -> int:
+def find_servo(model: mujoco.MjModel, joint: int) -> int:
     """Return the position servo or motor of a joint.
 
     Raises:

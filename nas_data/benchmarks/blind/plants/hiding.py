@@ -6,7 +6,7 @@ import numpy as np
 
 from nas_data.benchmarks.blind.plants.body import PlantBody
 from nas_data.benchmarks.blind.plants.constants import Constants
-from nas_data.benchmarks.blind.plants.vectors import about
+from nas_data.benchmarks.blind.plants.vectors import make_rotation
 from nas_data.benchmarks.blind.truth import Hidden, Truth
 from nas_data.errors import UnknownName
 
@@ -14,7 +14,7 @@ Values = Mapping[str, float]
 Joints = slice  # the joint that an effect sits in, or all of them
 
 
-def payload(body: PlantBody, _: Joints, values: Values) -> None:
+def add_payload(body: PlantBody, _: Joints, values: Values) -> None:
     """A point mass on the last link, x, y, z from its centre of mass; there, where they are left out."""
     place = np.array([values.get(axis, 0.0) for axis in "xyz"])
     share = values["mass"] / (body.masses[-1] + values["mass"])
@@ -24,42 +24,44 @@ def payload(body: PlantBody, _: Joints, values: Values) -> None:
     body.masses[-1] += values["mass"]
 
 
-def base_tilt(body: PlantBody, _: Joints, values: Values) -> None:
+def tilt_base(body: PlantBody, _: Joints, values: Values) -> None:
     """The base is rolled about x, then pitched about the world's y: gravity turns the other way."""
-    leaning = about(np.array([0.0, 1, 0]), values["pitch"]) @ about(np.array([1.0, 0, 0]), values["roll"])
+    leaning = make_rotation(np.array([0.0, 1, 0]), values["pitch"]) @ make_rotation(
+        np.array([1.0, 0, 0]), values["roll"]
+    )
     body.gravity = leaning.T @ body.gravity
 
 
-def torque_limit(body: PlantBody, joint: Joints, values: Values) -> None:
+def limit_torque(body: PlantBody, joint: Joints, values: Values) -> None:
     """The servo saturates at this torque."""
     body.force[joint] = (-values["torque"], values["torque"])
 
 
-def stribeck_friction(body: PlantBody, joint: Joints, values: Values) -> None:
+def add_stribeck_friction(body: PlantBody, joint: Joints, values: Values) -> None:
     """Friction that is largest at rest."""
     body.stribeck[joint] = values["torque"]
     body.kinetic_ratio[joint] = values["kinetic_ratio"]
     body.stribeck_velocity[joint] = values["stribeck_velocity"]
 
 
-def cogging(body: PlantBody, joint: Joints, values: Values) -> None:
+def add_cogging(body: PlantBody, joint: Joints, values: Values) -> None:
     """A torque with the period of the gear's teeth."""
     body.cogs[joint], body.cog_count[joint] = values["torque"], values["count"]
     body.cog_phase[joint] = values["phase"]
 
 
-def cable(body: PlantBody, joint: Joints, values: Values) -> None:
+def add_cable(body: PlantBody, joint: Joints, values: Values) -> None:
     """A cable that pulls towards an angle from one side of it, and hangs loose on the other."""
     body.cable[joint], body.cable_angle[joint] = values["stiffness"], values["angle"]
     body.cable_side[joint] = values["side"]
 
 
-def swinging_load(body: PlantBody, _: Joints, values: Values) -> None:
+def hang_load(body: PlantBody, _: Joints, values: Values) -> None:
     """A weight that swings from the last link."""
     body.hang(values["mass"], values["length"], values["heading"])
 
 
-def adds(field: str, parameter: str) -> Callable[[PlantBody, Joints, Values], None]:
+def make_add_rule(field: str, parameter: str) -> Callable[[PlantBody, Joints, Values], None]:
     """Return the rule that adds a parameter to a number of the joint."""
 
     def apply(body: PlantBody, joint: Joints, values: Values) -> None:
@@ -68,7 +70,7 @@ def adds(field: str, parameter: str) -> Callable[[PlantBody, Joints, Values], No
     return apply
 
 
-def becomes(field: str, parameter: str) -> Callable[[PlantBody, Joints, Values], None]:
+def make_set_rule(field: str, parameter: str) -> Callable[[PlantBody, Joints, Values], None]:
     """Return the rule that sets a number of the joint."""
 
     def apply(body: PlantBody, joint: Joints, values: Values) -> None:
@@ -77,30 +79,30 @@ def becomes(field: str, parameter: str) -> Callable[[PlantBody, Joints, Values],
     return apply
 
 
-def servo_stiffness(body: PlantBody, joint: Joints, values: Values) -> None:
+def scale_gain(body: PlantBody, joint: Joints, values: Values) -> None:
     """The position gain is another."""
     body.gain[joint] *= values["factor"]
 
 
 RULES: Mapping[str, Callable[[PlantBody, Joints, Values], None]] = {
-    "backlash": becomes("play", "half_width"),
-    "joint_compliance": becomes("spring", "stiffness"),
-    "coulomb_friction": adds("friction", "torque"),
-    "stribeck_friction": stribeck_friction,
-    "viscous_friction": adds("viscous", "coefficient"),
-    "load_friction": becomes("load_ratio", "ratio"),
-    "rotor_inertia": adds("armature", "inertia"),
-    "servo_stiffness": servo_stiffness,
-    "torque_limit": torque_limit,
-    "speed_limit": becomes("speed", "speed"),
-    "command_delay": adds("delay", "delay"),
-    "joint_offset": becomes("offset", "offset"),
-    "deadband": becomes("deadband", "half_width"),
-    "payload": payload,
-    "base_tilt": base_tilt,
-    "cogging": cogging,
-    "cable": cable,
-    "swinging_load": swinging_load,
+    "backlash": make_set_rule("play", "half_width"),
+    "joint_compliance": make_set_rule("spring", "stiffness"),
+    "coulomb_friction": make_add_rule("friction", "torque"),
+    "stribeck_friction": add_stribeck_friction,
+    "viscous_friction": make_add_rule("viscous", "coefficient"),
+    "load_friction": make_set_rule("load_ratio", "ratio"),
+    "rotor_inertia": make_add_rule("armature", "inertia"),
+    "servo_stiffness": scale_gain,
+    "torque_limit": limit_torque,
+    "speed_limit": make_set_rule("speed", "speed"),
+    "command_delay": make_add_rule("delay", "delay"),
+    "joint_offset": make_set_rule("offset", "offset"),
+    "deadband": make_set_rule("deadband", "half_width"),
+    "payload": add_payload,
+    "base_tilt": tilt_base,
+    "cogging": add_cogging,
+    "cable": add_cable,
+    "swinging_load": hang_load,
 }
 
 
@@ -115,11 +117,11 @@ def hide(constants: Constants, truth: Truth) -> PlantBody:
     for hidden in sorted(truth.hidden, key=lambda hidden: hidden.effect == "swinging_load"):
         if hidden.effect not in RULES:
             raise UnknownName("hidden effect", hidden.effect, RULES)
-        RULES[hidden.effect](body, place(constants, hidden), hidden.parameters)
+        RULES[hidden.effect](body, select_rows(constants, hidden), hidden.parameters)
     return body
 
 
-def place(constants: Constants, hidden: Hidden) -> Joints:
+def select_rows(constants: Constants, hidden: Hidden) -> Joints:
     """Return which rows an effect changes."""
     if hidden.joint is None:
         return slice(0, len(constants.joints))

@@ -29,7 +29,7 @@ class PlantState:
         # a step adds the speed at its end; nothing takes that back where torques are commanded
         self.ahead = STEP / 2 if drive.motors else 0.0
         self.drive = drive
-        self.commands = self._bounded(commands)
+        self.commands = self._clip_commands(commands)
         self.period = period
         self.q, self.v = q + self.ahead * v, v.copy()
         self.earlier = self.v  # a refresh ago
@@ -43,7 +43,7 @@ class PlantState:
 
     def tell(self, step: int, commands: np.ndarray) -> None:
         """Replace the commands of one control period, shape (B, n)."""
-        self.commands[:, step] = self._bounded(commands[:, None])[:, 0]
+        self.commands[:, step] = self._clip_commands(commands[:, None])[:, 0]
 
     def middle(self) -> tuple[np.ndarray, np.ndarray]:
         """Return angles and speeds (B, n) at which mass matrix and bias torques of the next `REFRESH` are to be taken.
@@ -71,7 +71,7 @@ class PlantState:
         """Return angles [rad], then speeds [rad/s] of the first joints' links: (B, 2 joints)."""
         return np.concatenate([(self.q - self.ahead * self.v)[:, :joints], self.v[:, :joints]], axis=1)
 
-    def _bounded(self, commands: np.ndarray) -> np.ndarray:
+    def _clip_commands(self, commands: np.ndarray) -> np.ndarray:
         """Return commands (B, T, n) within their ranges."""
         return np.clip(commands, self.drive.control[:, None, :, 0], self.drive.control[:, None, :, 1])
 
@@ -90,7 +90,7 @@ class PlantState:
             held = np.where(loose, 0.0, budget)
             self._turn_motors(turning - carried, budget, angle, speed)
         free = self.v + STEP * (mobility @ on_link[..., None])[..., 0]
-        self.v = self._stopped(free, STEP * mobility, held)
+        self.v = self._apply_friction(free, STEP * mobility, held)
         self.q = self.q + STEP * self.v
 
     def _turn_motors(self, torque: np.ndarray, budget: np.ndarray, angle: np.ndarray, speed: np.ndarray) -> None:
@@ -100,7 +100,7 @@ class PlantState:
         self.speed = STEP * (wanted - clip_symmetric(wanted, budget)) / armature
         self.angle = angle + STEP * self.speed
 
-    def _stopped(self, free: np.ndarray, mobility: np.ndarray, budget: np.ndarray) -> np.ndarray:
+    def _apply_friction(self, free: np.ndarray, mobility: np.ndarray, budget: np.ndarray) -> np.ndarray:
         """Return speeds after friction, which stops each joint or gives its whole budget.
 
         Args:

@@ -2,7 +2,14 @@
 
 import numpy as np
 
-from nas_data.benchmarks.blind.plants.base import Feedback, chain_of, in_groups, pad_commands, player, starting
+from nas_data.benchmarks.blind.plants.base import (
+    Feedback,
+    compute_start_states,
+    make_chain,
+    make_grouped_simulation,
+    make_play,
+    pad_commands,
+)
 from nas_data.benchmarks.blind.plants.body import PlantBody, stack_arms
 from nas_data.benchmarks.blind.plants.motion import PlantState
 from nas_data.benchmarks.blind.plants.servo_model import REFRESH, Drive
@@ -14,9 +21,9 @@ def simulate(
     """Return states (C, E, T + 1, 2n) of C arms alike under commands (E, T, n) from states (E, 2n)."""
     episodes, steps, n = commands.shape
     numbers = stack_arms(bodies, episodes)
-    chain = chain_of(numbers)
+    chain = make_chain(numbers)
     # C arms times E episodes, an arm's episodes side by side
-    start = np.concatenate([starting(body, starts) for body in bodies])
+    start = np.concatenate([compute_start_states(body, starts) for body in bodies])
     motion = PlantState(
         Drive.of(numbers), np.tile(pad_commands(bodies[0], commands), (len(bodies), 1, 1)), period, start
     )
@@ -31,4 +38,4 @@ def simulate(
     return measured.reshape(len(bodies), episodes, steps + 1, 2 * n)
 
 
-play = player(in_groups(simulate))
+play = make_play(make_grouped_simulation(simulate))

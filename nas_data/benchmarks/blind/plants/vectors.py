@@ -22,13 +22,13 @@ def skew(axis: np.ndarray) -> np.ndarray:
     return np.stack([cross(axis, unit) for unit in np.eye(3)], axis=-1)
 
 
-def rotation(quaternion: np.ndarray) -> np.ndarray:
+def convert_quaternion(quaternion: np.ndarray) -> np.ndarray:
     """Return the rotation matrix of a unit quaternion (w, x, y, z)."""
     vector = skew(np.asarray(quaternion[1:], float))
     return np.asarray(np.eye(3) + 2 * quaternion[0] * vector + 2 * vector @ vector)
 
 
-def about(axis: np.ndarray, angle: float) -> np.ndarray:
+def make_rotation(axis: np.ndarray, angle: float) -> np.ndarray:
     """Return the rotation by an angle [rad] about a unit axis (Rodrigues)."""
     turn = skew(np.asarray(axis, float))
     return np.asarray(np.eye(3) + np.sin(angle) * turn + (1 - np.cos(angle)) * turn @ turn)

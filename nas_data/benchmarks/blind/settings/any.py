@@ -4,7 +4,7 @@ import numpy as np
 
 from nas_data.benchmarks.blind.arms import NominalArm
 from nas_data.benchmarks.blind.case import Identity
-from nas_data.benchmarks.blind.catalogue import INSIDE, OUTSIDE, EffectDraw, Rng, Span, Values, load
+from nas_data.benchmarks.blind.catalogue import INSIDE, OUTSIDE, EffectDraw, Rng, Span, Values, draw_payload_mass
 from nas_data.benchmarks.blind.conditions import Conditions, Sensor
 from nas_data.benchmarks.blind.designs import draw_design
 from nas_data.benchmarks.blind.motions import SIGNALS, draw_motions
@@ -54,10 +54,13 @@ def draw_payload(rng: Rng, constants: Constants, joint: int, faint: bool) -> Val
     centre = constants.centres[-1]
     along = rng.uniform(-0.9, 0.9) * centre
     aside = 0.2 * np.linalg.norm(centre) * rng.uniform(-1, 1, 3)
-    return {**load(rng, constants, joint, faint), **dict(zip("xyz", (along + aside).tolist(), strict=True))}
+    return {
+        **draw_payload_mass(rng, constants, joint, faint),
+        **dict(zip("xyz", (along + aside).tolist(), strict=True)),
+    }
 
 
-def swing(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+def draw_swinging_load(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
     """A weight of a tenth to a half of the arm's moving mass on a string of a third to all of the last link."""
     return {
         "mass": float(constants.masses.sum()) * Span(0.1, 0.5, 0.01).draw(rng, faint),
@@ -70,7 +73,7 @@ SETTING = CaseSetting(
     draw,
     draw_motions,
     inside={**INSIDE, "payload": EffectDraw(draw_payload, per_joint=False, whole_arm=True)},
-    outside={**OUTSIDE, "swinging_load": EffectDraw(swing, per_joint=False, whole_arm=True)},
+    outside={**OUTSIDE, "swinging_load": EffectDraw(draw_swinging_load, per_joint=False, whole_arm=True)},
     least=4.0,
     most=60.0,
     rounds=200,

@@ -50,5 +50,5 @@ def find_setting(name: str) -> CaseSetting:
     Raises:
         UnknownName: there is no such setting; lists those there are.
     """
-    setting: CaseSetting = registry.module("benchmarks.blind.settings", name, "setting").SETTING
+    setting: CaseSetting = registry.import_plugin("benchmarks.blind.settings", name, "setting").SETTING
     return setting

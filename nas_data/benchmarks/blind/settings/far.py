@@ -5,7 +5,7 @@ from dataclasses import replace
 from nas_data.benchmarks.blind.arms import NominalArm
 from nas_data.benchmarks.blind.case import Identity
 from nas_data.benchmarks.blind.conditions import Conditions
-from nas_data.benchmarks.blind.designs import draw_design, logarithmic
+from nas_data.benchmarks.blind.designs import draw_design, draw_log_uniform
 from nas_data.benchmarks.blind.settings import any as any_setting
 from nas_data.benchmarks.blind.truth import Hidden
 
@@ -13,25 +13,25 @@ EXCESS = (3.0, 50.0)  # the model's gain over the true one: such gains are made 
 EFFECT = "servo_stiffness"
 
 
-def excess_of(identity: Identity) -> float:
+def draw_gain_excess(identity: Identity) -> float:
     """Return a case's gain of the model over the true one."""
-    return logarithmic(identity.stream("excess"), *EXCESS)
+    return draw_log_uniform(identity.stream("excess"), *EXCESS)
 
 
 def draw(identity: Identity) -> tuple[NominalArm, Conditions]:
     """Draw what `any` draws and raise the gains of the model; its damping stays that of the true servos."""
     conditions = any_setting.draw_conditions(identity)
-    return draw_design(identity.stream("arm"), conditions.period, excess_of(identity)), conditions
+    return draw_design(identity.stream("arm"), conditions.period, draw_gain_excess(identity)), conditions
 
 
-def gains(identity: Identity, arm: NominalArm) -> tuple[Hidden, ...]:
+def make_gain_effects(identity: Identity, arm: NominalArm) -> tuple[Hidden, ...]:
     """Return what the true servos differ by from the model's."""
-    return tuple(Hidden(EFFECT, joint, {"factor": 1 / excess_of(identity)}) for joint in arm.joints)
+    return tuple(Hidden(EFFECT, joint, {"factor": 1 / draw_gain_excess(identity)}) for joint in arm.joints)
 
 
 SETTING = replace(
     any_setting.SETTING,
     draw=draw,
     inside={name: kind for name, kind in any_setting.SETTING.inside.items() if name != EFFECT},
-    given=gains,
+    given=make_gain_effects,
 )

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from nas_data.benchmarks.blind.arms import NominalArm, random_arm
+from nas_data.benchmarks.blind.arms import NominalArm, draw_random_arm
 from nas_data.benchmarks.blind.case import Identity
 from nas_data.benchmarks.blind.catalogue import INSIDE, OUTSIDE
 from nas_data.benchmarks.blind.conditions import Conditions
-from nas_data.benchmarks.blind.excitation import episodes_of
+from nas_data.benchmarks.blind.excitation import draw_episodes
 from nas_data.benchmarks.blind.plants.base import SETTLE
 from nas_data.benchmarks.blind.settings.base import CaseSetting
 from nas_data.benchmarks.blind.settings.xl320 import SENSOR
@@ -20,8 +20,8 @@ LEAST = 5.0  # [noise floors] 320 samples a joint show less than the 6000 of xl3
 
 def draw(identity: Identity) -> tuple[NominalArm, Conditions]:
     """Draw a random arm and a mixture of signals."""
-    arm = random_arm(identity.stream("arm"), JOINTS)
+    arm = draw_random_arm(identity.stream("arm"), JOINTS)
     return arm, Conditions(RATE, SECONDS, EPISODES, FRESH, SETTLE, "mixed", SENSOR)
 
 
-SETTING = CaseSetting(draw, episodes_of, INSIDE, OUTSIDE, least=LEAST, most=np.inf, rounds=200, screen="mujoco")
+SETTING = CaseSetting(draw, draw_episodes, INSIDE, OUTSIDE, least=LEAST, most=np.inf, rounds=200, screen="mujoco")

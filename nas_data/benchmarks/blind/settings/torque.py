@@ -6,10 +6,18 @@ import numpy as np
 
 from nas_data.benchmarks.blind.arms import NominalArm
 from nas_data.benchmarks.blind.case import Identity
-from nas_data.benchmarks.blind.catalogue import EffectDraw, Rng, Span, Values, armature, limit, share
+from nas_data.benchmarks.blind.catalogue import (
+    EffectDraw,
+    Rng,
+    Span,
+    Values,
+    make_scaled_draw,
+    read_armature,
+    read_torque_limits,
+)
 from nas_data.benchmarks.blind.conditions import Conditions, Sensor
-from nas_data.benchmarks.blind.designs import logarithmic
-from nas_data.benchmarks.blind.following import draw_references, reach_of
+from nas_data.benchmarks.blind.designs import draw_log_uniform
+from nas_data.benchmarks.blind.following import draw_references, find_reach
 from nas_data.benchmarks.blind.machines import USUAL, draw_machine
 from nas_data.benchmarks.blind.plants.constants import Constants
 from nas_data.benchmarks.blind.settings.base import CaseSetting
@@ -42,51 +50,55 @@ def draw(identity: Identity) -> tuple[NominalArm, Conditions]:
 
 def draw_sensor(rng: Rng, rate: float) -> Sensor:
     """Draw what the drives report at a rate [Hz]; half of them measure speed."""
-    noise, quantum = logarithmic(rng, *NOISE), float(rng.choice(QUANTA))
+    noise, quantum = draw_log_uniform(rng, *NOISE), float(rng.choice(QUANTA))
     floor = float(np.hypot(noise, quantum / np.sqrt(12)))
-    differenced, finer = np.sqrt(2) * floor * rate, logarithmic(rng, *FINER)
+    differenced, finer = np.sqrt(2) * floor * rate, draw_log_uniform(rng, *FINER)
     return Sensor(noise, quantum, floor, float(finer * differenced) if rng.random() < 0.5 else None)
 
 
-def drag(constants: Constants) -> np.ndarray:
+def compute_saturating_friction(constants: Constants) -> np.ndarray:
     """Return the friction coefficients [N m s/rad] at which a usual speed takes the whole of the torque limits."""
-    return limit(constants) / USUAL[constants.sliding.astype(int)]
+    return read_torque_limits(constants) / USUAL[constants.sliding.astype(int)]
 
 
-def travel(constants: Constants) -> np.ndarray:
+def compute_saturating_stiffness(constants: Constants) -> np.ndarray:
     """Return the stiffness [N m/rad] at which the farthest reach takes the whole of the torque limits."""
-    return limit(constants) / reach_of(constants.sliding)[:, 1]
+    return read_torque_limits(constants) / find_reach(constants.sliding)[:, 1]
 
 
-def load(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+def draw_payload_mass(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
     """A third to twice what the last axis moves."""
     return {"mass": float(constants.masses[-1]) * Span(0.3, 2.0, 0.02).draw(rng, faint)}
 
 
-def cogs(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+def draw_cogging(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
     """A torque that comes back eight to thirty times a turn, or once in 1.5 to 6 cm."""
-    torque = float(limit(constants)[joint]) * Span(0.05, 0.3, 0.005).draw(rng, faint)
+    torque = float(read_torque_limits(constants)[joint]) * Span(0.05, 0.3, 0.005).draw(rng, faint)
     count = rng.uniform(100, 400) if constants.sliding[joint] else rng.integers(8, 31)
     return {"torque": torque, "count": float(count), "phase": float(rng.uniform(0, 2 * np.pi))}
 
 
-def cable(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+def draw_cable(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
     """A cable that pulls with up to a third of the torque limit, slack over part of the joint's range."""
-    reach = float(reach_of(constants.sliding)[joint, 1])
+    reach = float(find_reach(constants.sliding)[joint, 1])
     return {
-        "stiffness": float(travel(constants)[joint]) * Span(0.05, 0.3, 0.005).draw(rng, faint),
+        "stiffness": float(compute_saturating_stiffness(constants)[joint]) * Span(0.05, 0.3, 0.005).draw(rng, faint),
         "angle": float(rng.uniform(-0.6, 0.6)) * reach,
         "side": float(rng.choice([-1, 1])),
     }
 
 
 INSIDE: Mapping[str, EffectDraw] = {
-    "coulomb_friction": EffectDraw(share("torque", limit, Span(0.03, 0.25, 0.0005)), apart="dry friction"),
-    "viscous_friction": EffectDraw(share("coefficient", drag, Span(0.03, 0.25, 0.0005))),
-    "rotor_inertia": EffectDraw(share("inertia", armature, Span(1.0, 4.0, 0.02))),
-    "torque_limit": EffectDraw(share("torque", limit, Span(0.3, 0.8, 0.95))),
-    "payload": EffectDraw(load, per_joint=False, whole_arm=True),
+    "coulomb_friction": EffectDraw(
+        make_scaled_draw("torque", read_torque_limits, Span(0.03, 0.25, 0.0005)), apart="dry friction"
+    ),
+    "viscous_friction": EffectDraw(
+        make_scaled_draw("coefficient", compute_saturating_friction, Span(0.03, 0.25, 0.0005))
+    ),
+    "rotor_inertia": EffectDraw(make_scaled_draw("inertia", read_armature, Span(1.0, 4.0, 0.02))),
+    "torque_limit": EffectDraw(make_scaled_draw("torque", read_torque_limits, Span(0.3, 0.8, 0.95))),
+    "payload": EffectDraw(draw_payload_mass, per_joint=False, whole_arm=True),
 }
-OUTSIDE: Mapping[str, EffectDraw] = {"cogging": EffectDraw(cogs), "cable": EffectDraw(cable)}
+OUTSIDE: Mapping[str, EffectDraw] = {"cogging": EffectDraw(draw_cogging), "cable": EffectDraw(draw_cable)}
 
 SETTING = CaseSetting(draw, draw_references, INSIDE, OUTSIDE, least=4.0, most=np.inf, rounds=60)

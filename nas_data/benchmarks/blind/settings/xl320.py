@@ -6,7 +6,7 @@ from nas_data.benchmarks.blind.arms import NominalArm, draw_arm
 from nas_data.benchmarks.blind.case import Identity
 from nas_data.benchmarks.blind.catalogue import INSIDE, OUTSIDE
 from nas_data.benchmarks.blind.conditions import Conditions, Sensor
-from nas_data.benchmarks.blind.excitation import SIGNALS, episodes_of
+from nas_data.benchmarks.blind.excitation import SIGNALS, draw_episodes
 from nas_data.benchmarks.blind.plants.base import SETTLE
 from nas_data.benchmarks.blind.settings.base import CaseSetting
 
@@ -26,4 +26,4 @@ def draw(identity: Identity) -> tuple[NominalArm, Conditions]:
     return arm, Conditions(RATE, SECONDS, EPISODES, FRESH, SETTLE, signal, SENSOR)
 
 
-SETTING = CaseSetting(draw, episodes_of, INSIDE, OUTSIDE, least=3.0, most=np.inf, rounds=40)
+SETTING = CaseSetting(draw, draw_episodes, INSIDE, OUTSIDE, least=3.0, most=np.inf, rounds=40)

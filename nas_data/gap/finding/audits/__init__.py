@@ -21,10 +21,10 @@ class GapAudit(Protocol):
 
 def find_audit(name: str) -> GapAudit:
     """Return an audit by its name."""
-    return cast(GapAudit, registry.module("gap.finding.audits", name, "audit"))
+    return cast(GapAudit, registry.import_plugin("gap.finding.audits", name, "audit"))
 
 
 def run_audits(examined: Examined) -> tuple[Check, ...]:
     """Run every audit, those of `FIRST` first."""
-    names = [*FIRST, *(name for name in registry.names("gap.finding.audits") if name not in FIRST)]
+    names = [*FIRST, *(name for name in registry.list_names("gap.finding.audits") if name not in FIRST)]
     return tuple(find_audit(name).check(examined) for name in names)

@@ -8,13 +8,13 @@ from nas_data.gap.search.hypothesis import (
     PRICE,
     Description,
     Hypothesis,
+    can_free_base_parameter,
     effect_key,
-    frees_base_parameter,
 )
 from nas_data.gap.search.moves import optional_parameters
 from nas_data.gap.search.screen import Candidate
 from nas_data.gap.search.search import FAR_BEHIND, TRIED, Search
-from nas_data.gap.side_by_side import side_by_side
+from nas_data.gap.side_by_side import map_in_parallel
 
 BUNDLED = 2  # kinds of effects that are tried in all joints at once
 UNRESOLVED = 2.0  # noise floors above which every effect of a joint is fitted before the search ends
@@ -65,7 +65,7 @@ def extend(search: Search, kept: Hypothesis, around: Fit) -> list[Hypothesis]:
     found, kept_loss = search.screen_candidates(around, kept, wanted)
     search.say(f"  fitting the best of {count_of(len(found), 'candidate')}")
     chosen = shortlist(found, kept_loss.nats - MIN_GAIN, SLACK if around is search.nominal.fit else 0.0)
-    chosen += [c for c in found if c not in chosen and frees_base_parameter(kept, c.effect)]
+    chosen += [c for c in found if c not in chosen and can_free_base_parameter(kept, c.effect)]
     ranked = fit_candidates(search, kept, around, chosen)
     ranked = sorted(
         [*ranked, *extend_all_joints(search, kept, ranked, found, kept_loss.nats, around)], key=lambda h: h.score
@@ -124,10 +124,10 @@ def fit_candidates(search: Search, kept: Hypothesis, around: Fit, candidates: Se
         factors = around.parameters.factors_at(c.theta)
         return search.fit_description(add_candidate(kept, around, c), factors, around, steps=2)
 
-    quick = side_by_side(fit_briefly, candidates)
+    quick = map_in_parallel(fit_briefly, candidates)
     ranked = sorted((h for h in quick if h and not search.ends_with_equivalent(h)), key=lambda h: h.score)
     ahead = [h for h in ranked if h.score < ranked[0].score + FAR_BEHIND][:TRIED]
-    thorough = side_by_side(lambda h: optional_parameters.apply(search, search.fit_further(h)), ahead)
+    thorough = map_in_parallel(lambda h: optional_parameters.apply(search, search.fit_further(h)), ahead)
     return sorted([*thorough, *ranked[len(ahead) :]], key=lambda h: h.score)
 
 

@@ -20,5 +20,5 @@ def find_move(name: str) -> Move:
     Raises:
         UnknownName: there is no such move; the message lists the known ones.
     """
-    move: Move = registry.module("gap.search.moves", name, "move").apply
+    move: Move = registry.import_plugin("gap.search.moves", name, "move").apply
     return move

@@ -7,12 +7,12 @@ import numpy as np
 from nas_data.count_of import count_of
 from nas_data.effects.base import Effect
 from nas_data.gap.nominal_parameters import NominalParameter, read_own_value
-from nas_data.gap.search.fit import MAX_STEP, normal_equations
-from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, effect_key, effect_price
+from nas_data.gap.search.fit import MAX_STEP, build_normal_equations
+from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, compute_effect_price, effect_key
 from nas_data.gap.search.parameters import SIGNED_SCALE, FreeParameters
 from nas_data.gap.search.plain_fit import EFFECT_OF_PARAMETER, convert_to_factor
 from nas_data.gap.search.search import FAR_BEHIND, Search
-from nas_data.gap.side_by_side import side_by_side
+from nas_data.gap.side_by_side import map_in_parallel
 
 MAX_REFITTED = 6  # parts of lowest saliency without which the rest is fitted
 MANY = 8  # parts above which several are dropped at a time
@@ -43,7 +43,7 @@ def drop_one(search: Search, h: Hypothesis) -> Hypothesis:
     losses = estimate_losses(search, h)
     order = sorted(losses, key=lambda part: losses[part])[:MAX_REFITTED]
     doubted = [order[0], *(part for part in order[1:] if losses[part] < FAR_BEHIND)]  # estimates are inaccurate
-    found = side_by_side(lambda part: fit_without(search, h, [part]), doubted)
+    found = map_in_parallel(lambda part: fit_without(search, h, [part]), doubted)
     sound = {part: one for part, one in zip(doubted, found, strict=True) if one is not None and one.is_finite}
     if not sound:
         return h
@@ -64,7 +64,7 @@ def drop_one(search: Search, h: Hypothesis) -> Hypothesis:
 def drop_several(search: Search, h: Hypothesis) -> Hypothesis:
     """Drop all parts with a saliency below their price, or else half or a quarter of them."""
     losses = estimate_losses(search, h)
-    spare = [part for part in sorted(losses, key=lambda p: losses[p]) if losses[part] < part_price(part)]
+    spare = [part for part in sorted(losses, key=lambda p: losses[p]) if losses[part] < compute_part_price(part)]
     while len(spare) > 1:
         found = fit_without(search, h, spare)
         if found is not None and found.is_finite and found.score < h.score:
@@ -78,14 +78,14 @@ def list_parts(h: Hypothesis) -> list[Part]:
     return [*h.effects, *sorted(h.description.freed)]
 
 
-def part_joint(part: Part) -> str | None:
+def find_part_joint(part: Part) -> str | None:
     """Return the joint of an effect or freed parameter; None for an effect of the whole arm."""
     return part.rsplit(".", 1)[0] if isinstance(part, str) else part.joint
 
 
-def part_price(part: Part) -> float:
+def compute_part_price(part: Part) -> float:
     """Return the price of an effect or freed parameter [nats]."""
-    return PRICE if isinstance(part, str) else effect_price(part)
+    return PRICE if isinstance(part, str) else compute_effect_price(part)
 
 
 def fit_without(search: Search, h: Hypothesis, gone: list[Part]) -> Hypothesis | None:
@@ -118,8 +118,8 @@ def compensate(search: Search, h: Hypothesis, gone: list[Part]) -> tuple[tuple[E
     If the removed parameters change by δ, all change by H⁻¹ₐₖ [(H⁻¹)ₖₖ]⁻¹ δ (Hassibi and Stork, 1993).
     """
     parameters, theta = h.fit.parameters, h.fit.theta
-    inverse = inverse_hessian(search, h)
-    changes = {c: change for part in gone for c, change in removal_steps(search, h, part).items()}
+    inverse = compute_inverse_hessian(search, h)
+    changes = {c: change for part in gone for c, change in compute_removal_steps(search, h, part).items()}
     columns = list(changes)
     multipliers = np.linalg.pinv(inverse[np.ix_(columns, columns)]) @ np.array(list(changes.values()))
     moved = theta + np.clip(inverse[:, columns] @ multipliers, -MAX_STEP, MAX_STEP)
@@ -127,23 +127,23 @@ def compensate(search: Search, h: Hypothesis, gone: list[Part]) -> tuple[tuple[E
     return parameters.effects_at(moved), parameters.factors_at(moved)
 
 
-def inverse_hessian(search: Search, h: Hypothesis) -> np.ndarray:
+def compute_inverse_hessian(search: Search, h: Hypothesis) -> np.ndarray:
     """Return (JᵀWJ + prior)⁻¹ of a hypothesis, shape (size, size)."""
     parameters, theta = h.fit.parameters, h.fit.theta
-    hessian, _ = normal_equations(search.task, h.fit.predicted, h.fit.jacobian)
+    hessian, _ = build_normal_equations(search.task, h.fit.predicted, h.fit.jacobian)
     return np.asarray(
         np.linalg.pinv(hessian + np.diag(parameters.prior_weights(theta) ** 2) + 1e-9 * np.eye(len(theta)))
     )
 
 
-def removal_steps(search: Search, h: Hypothesis, part: Part) -> dict[int, float]:
+def compute_removal_steps(search: Search, h: Hypothesis, part: Part) -> dict[int, float]:
     """Return the changes of θ that remove a part, by index."""
     parameters, theta = h.fit.parameters, h.fit.theta
     if isinstance(part, str):
         return {c: -float(theta[c]) for c, label in enumerate(parameters.labels) if label == (part,)}
     number = h.effects.index(part)
     columns = [c for c, free in enumerate(parameters.effect_parameters) if number in free.effect_indices]
-    return {column: removal_step(search, parameters, theta, column) for column in columns}
+    return {column: compute_removal_step(search, parameters, theta, column) for column in columns}
 
 
 def estimate_losses(search: Search, h: Hypothesis) -> dict[Part, float]:
@@ -152,20 +152,20 @@ def estimate_losses(search: Search, h: Hypothesis) -> dict[Part, float]:
     With δ as in `compensate`, it is ½ δᵀ [(H⁻¹)ₖₖ]⁻¹ δ, H = JᵀWJ + prior (Hassibi and Stork, 1993). If a base parameter
     within its bounds can stand for the part, it is that parameter's prior.
     """
-    inverse = inverse_hessian(search, h)
+    inverse = compute_inverse_hessian(search, h)
 
     def loss(part: Part) -> float:
         if found := find_replacement(search, h, part):
             parameter, factor = found
             return 0.5 * (math.log(factor) / parameter.deviation(math.log(factor))) ** 2
-        changes = removal_steps(search, h, part)
+        changes = compute_removal_steps(search, h, part)
         columns, change = list(changes), np.array(list(changes.values()))
         return float(0.5 * change @ np.linalg.pinv(inverse[np.ix_(columns, columns)]) @ change) if columns else 0.0
 
     return {part: loss(part) for part in list_parts(h)}
 
 
-def removal_step(search: Search, parameters: FreeParameters, theta: np.ndarray, column: int) -> float:
+def compute_removal_step(search: Search, parameters: FreeParameters, theta: np.ndarray, column: int) -> float:
     """Return the change of a parameter that removes its effect, to first order in the effect's size.
 
     An amount v = v₀ exp(θ) vanishes with Δθ = −1; a factor f returns to 1 with Δθ = −log f. A limit returns to the

@@ -11,7 +11,7 @@ from nas_data.gap.search.hypothesis import PRICE, Hypothesis
 from nas_data.gap.search.objective import FitTask, Score
 from nas_data.gap.search.parameters import FreeParameters
 from nas_data.gap.search.search import ROUNDS, Search
-from nas_data.gap.side_by_side import side_by_side
+from nas_data.gap.side_by_side import map_in_parallel
 from nas_data.simulators.initial_states import InitialLoad
 
 UNEXPLAINED = 5.0  # noise floors above which a joint is far from explained
@@ -27,7 +27,7 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
     return scan_parameters(search, h)
 
 
-def unexplained_joints(search: Search, kept: Hypothesis) -> list[str]:
+def find_unexplained_joints(search: Search, kept: Hypothesis) -> list[str]:
     """Return the excited joints that are far from explained."""
     rest = zip(search.train.nominal.joints, search.floor_ratios(kept), strict=True)
     return [joint for joint, left in rest if left > UNEXPLAINED and joint in search.excited]
@@ -71,7 +71,7 @@ def scan_parameters(search: Search, h: Hypothesis, anyway: bool = False) -> Hypo
 
 def select_columns(search: Search, h: Hypothesis) -> list[int]:
     """Return the columns of effects in joints that are far from explained."""
-    joints = unexplained_joints(search, h)
+    joints = find_unexplained_joints(search, h)
     own = [
         {effect.joint for effect in h.fit.parameters.effects_of(c)}
         for c in range(len(h.fit.parameters.effect_parameters))
@@ -104,7 +104,7 @@ def scan(
             before = reached
             for column in columns:
                 places = vary_column(parameters, best, column, np.arange(-reach, reach + apart, apart))
-                losses = side_by_side(partial(evaluate_loss, task, parameters), places)
+                losses = map_in_parallel(partial(evaluate_loss, task, parameters), places)
                 if min(losses) < reached:
                     least = min(range(len(losses)), key=lambda place: losses[place].nats)
                     best, reached = places[least], losses[least]

@@ -2,17 +2,17 @@
 
 from nas_data.gap.search.hypothesis import Description, Hypothesis
 from nas_data.gap.search.moves.add import add_candidate
-from nas_data.gap.search.moves.drop import list_parts, part_joint
+from nas_data.gap.search.moves.drop import find_part_joint, list_parts
 from nas_data.gap.search.screen import Candidate
 from nas_data.gap.search.search import FAR_BEHIND, TRIED, Search
-from nas_data.gap.side_by_side import side_by_side
+from nas_data.gap.side_by_side import map_in_parallel
 
 NEAR = 0.5  # share of the parts' gain by which a first-order estimate may be worse; it is far off for a strong effect
 
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
     """Try single effects in place of all parts of a joint, then in place of all parts."""
-    joints = [part_joint(part) for part in list_parts(h)]
+    joints = [find_part_joint(part) for part in list_parts(h)]
     several: list[str | None] = [j for j in dict.fromkeys(joints) if j is not None and joints.count(j) > 1]
     for joint in [*several, None] if len(joints) > 1 else []:
         better = replace_parts(search, h, joint)
@@ -23,7 +23,7 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
 
 def replace_parts(search: Search, h: Hypothesis, joint: str | None) -> Hypothesis:
     """Try effects of one joint in place of all its parts, or effects of the arm in place of all parts."""
-    kept = [part for part in list_parts(h) if joint is not None and part_joint(part) != joint]
+    kept = [part for part in list_parts(h) if joint is not None and find_part_joint(part) != joint]
     effects = tuple(effect for effect in h.effects if effect in kept)
     left = {effect.name() for effect in effects}
     freed = frozenset(part for part in kept if isinstance(part, str))
@@ -39,7 +39,7 @@ def replace_parts(search: Search, h: Hypothesis, joint: str | None) -> Hypothesi
         factors = rest.fit.parameters.factors_at(candidate.theta)
         return search.fit_description(add_candidate(rest, rest.fit, candidate), factors, rest.fit, jacobian_refreshes=1)
 
-    fitted = [one for one in side_by_side(fit_instead, near) if one is not None and one.is_finite]
+    fitted = [one for one in map_in_parallel(fit_instead, near) if one is not None and one.is_finite]
     best = min(fitted, key=lambda one: one.score, default=h)
     if best is not h and 0 <= best.score.over(h.score) < FAR_BEHIND:
         best = search.fit_further(best)

@@ -8,7 +8,7 @@ from nas_data.effects.base import Effect, find_effect
 from nas_data.gap.search.hypothesis import Hypothesis, effect_key
 from nas_data.gap.search.moves.drop import MANY, estimate_losses
 from nas_data.gap.search.search import FAR_BEHIND, ROUNDS, TRIED, Search
-from nas_data.gap.side_by_side import side_by_side
+from nas_data.gap.side_by_side import map_in_parallel
 
 HOOK_RIVALS = 2  # rivals of the other form (model file or hook) among those of an effect
 
@@ -78,7 +78,7 @@ def add_rivals(search: Search, h: Hypothesis, numbers: Sequence[int]) -> None:
 
 def find_other_forms(effect: Effect) -> list[type[Effect]]:
     """Return the kinds of effects that need a hook if this one does not, and the other way round."""
-    kinds = [find_effect(name) for name in registry.names("effects")]
+    kinds = [find_effect(name) for name in registry.list_names("effects")]
     return [kind for kind in kinds if kind.in_model != effect.in_model]
 
 
@@ -91,7 +91,7 @@ def fit_rivals(search: Search, h: Hypothesis, number: int) -> list[Hypothesis]:
     """Fit a hypothesis with each rival in place of one effect; return the results sorted by score."""
     rest = h.description.without_effect(number)
     rivals = list_rivals(search, h.effects[number], rest.effects)
-    fitted = side_by_side(lambda rival: search.fit_rival(rest.add_effects(rival), h), rivals)
+    fitted = map_in_parallel(lambda rival: search.fit_rival(rest.add_effects(rival), h), rivals)
     return sorted((one for one in fitted if one and one.is_finite), key=lambda one: one.score)
 
 

@@ -10,7 +10,7 @@ from nas_data.gap.search.hypothesis import PRICE, Hypothesis, reuse_jacobian
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters
 from nas_data.gap.search.search import AT_FLOOR, ROUNDS, Search
-from nas_data.gap.side_by_side import side_by_side
+from nas_data.gap.side_by_side import map_in_parallel
 
 SHIFTS = (-3, -2, -1, 1, 2, 3)  # of the model's own physics steps, either way
 
@@ -47,7 +47,7 @@ def shift_repeatedly(task: FitTask, near: Fit, timestep: float) -> Fit | None:
     for _ in range(ROUNDS):
         if best is None:
             return None
-        tried = side_by_side(partial(fit_briefly, task, best), list(generate_shifts(best.effects, timestep)))
+        tried = map_in_parallel(partial(fit_briefly, task, best), list(generate_shifts(best.effects, timestep)))
         found = min(filter(None, tried), key=lambda one: one.loss, default=best)
         if found.loss < best.loss:  # parameters fitted to the other delay need more steps
             found = fit(task, found.parameters, found.theta, steps=5, jacobian_refreshes=1) or found

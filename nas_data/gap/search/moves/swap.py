@@ -2,11 +2,11 @@
 
 from functools import partial
 
-from nas_data.gap.search.hypothesis import Hypothesis, effect_key, frees_base_parameter, joints_beyond_prior
+from nas_data.gap.search.hypothesis import Hypothesis, can_free_base_parameter, effect_key, find_joints_beyond_prior
 from nas_data.gap.search.moves.add import add_candidate
 from nas_data.gap.search.screen import Candidate
 from nas_data.gap.search.search import FAR_BEHIND, TRIED, Search
-from nas_data.gap.side_by_side import side_by_side
+from nas_data.gap.side_by_side import map_in_parallel
 
 UNSATISFIED = 1.25  # noise floors above which other effects are tried in a joint
 MANY = 8  # effects above which only the most doubtful one is replaced
@@ -23,13 +23,13 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
         if rest is None:
             continue
         found, kept_loss = search.screen_candidates(
-            rest.fit, h, {effect.joint} if effect.joint else joints_beyond_prior(h)
+            rest.fit, h, {effect.joint} if effect.joint else find_joints_beyond_prior(h)
         )
         found = [c for c in found if c.effect_key != effect_key(effect)]
-        own = [c for c in found if frees_base_parameter(h, c.effect)]
+        own = [c for c in found if can_free_base_parameter(h, c.effect)]
         near = [c for c in found if c.effect.joint and effect.joint][:SWAPPED]
         others = [c for c in near if c.loss.over(kept_loss) < FAR_BEHIND and c not in own] + own
-        quick = side_by_side(partial(fit_briefly, search, rest), others)
+        quick = map_in_parallel(partial(fit_briefly, search, rest), others)
         ranked = sorted((o for o in quick if o and not search.ends_with_equivalent(o)), key=lambda other: other.score)
         best = search.fit_further(ranked[0]) if ranked else None
         if best and best.score < h.score:
@@ -44,7 +44,10 @@ def find_doubtful(search: Search, h: Hypothesis) -> list[int]:
 
     An effect of the whole arm comes last, and only if a joint is beyond its prior.
     """
-    rest, bent = dict(zip(search.train.nominal.joints, search.floor_ratios(h), strict=True)), joints_beyond_prior(h)
+    rest, bent = (
+        dict(zip(search.train.nominal.joints, search.floor_ratios(h), strict=True)),
+        find_joints_beyond_prior(h),
+    )
     own = [(rest.get(effect.joint or "", 0.0), effect.joint, number) for number, effect in enumerate(h.effects)]
     above = [
         (left, number) for left, joint, number in own if left > UNSATISFIED or joint in bent or (bent and not joint)

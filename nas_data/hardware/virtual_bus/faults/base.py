@@ -68,7 +68,7 @@ def find_fault(name: str) -> type[Fault]:
     Raises:
         UnknownName: there is no such fault; the message lists the known ones.
     """
-    return registry.plugin("hardware.virtual_bus.faults", name, "fault", Fault)
+    return registry.find_plugin("hardware.virtual_bus.faults", name, "fault", Fault)
 
 
 def parse(text: str) -> Fault:

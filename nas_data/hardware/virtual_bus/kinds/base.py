@@ -201,5 +201,5 @@ def find_kind(name: str) -> ServoSeries:
     Raises:
         UnknownName: there is no such series; the message lists the known ones.
     """
-    kind: ServoSeries = registry.module("hardware.virtual_bus.kinds", name, "virtual servo").KIND
+    kind: ServoSeries = registry.import_plugin("hardware.virtual_bus.kinds", name, "virtual servo").KIND
     return kind

@@ -62,7 +62,7 @@ class XSeries(ServoSeries):
             torque: Stall torque at that voltage [N m].
             current: Stall current at that voltage [A].
         """
-        self.registers = {register.name: register for register in _table(model, gain, voltages)}
+        self.registers = {register.name: register for register in _make_control_table(model, gain, voltages)}
         self.supply, self.stall_torque, self.stall_current, self._gain = supply, torque, current, gain
 
     def is_persistent(self, register: ControlTableEntry) -> bool:
@@ -103,7 +103,7 @@ class XSeries(ServoSeries):
         return Error.NONE if within else Error.DATA_LIMIT
 
 
-def _table(model: int, gain: int, voltages: tuple[int, int]) -> tuple[ControlTableEntry, ...]:
+def _make_control_table(model: int, gain: int, voltages: tuple[int, int]) -> tuple[ControlTableEntry, ...]:
     return (
         make_read_only("model_number", 0, 2, model),
         make_read_only("model_information", 2, 4),

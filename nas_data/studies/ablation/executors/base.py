@@ -42,5 +42,5 @@ def find_executor(name: str) -> Executor:
     Raises:
         UnknownName: there is no such executor; lists those there are.
     """
-    executor: Executor = registry.module(FOLDER, name, "executor").run
+    executor: Executor = registry.import_plugin(FOLDER, name, "executor").run
     return executor

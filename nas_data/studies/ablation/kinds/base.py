@@ -86,4 +86,4 @@ def find_kind(name: str) -> ModelKind:
     Raises:
         UnknownName: there is no such kind; lists those there are.
     """
-    return registry.value(FOLDER, name, "kind", ModelKind)
+    return registry.find_value(FOLDER, name, "kind", ModelKind)

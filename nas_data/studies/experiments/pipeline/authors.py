@@ -77,7 +77,7 @@ ON_THE_ARM = (
 REMARKS = {PLOT: SIMULATED, REACHER: SIMULATED, HITS: ON_THE_ARM}
 
 
-def remarks(environments: Iterable[str]) -> list[str]:
+def list_remarks(environments: Iterable[str]) -> list[str]:
     """Return what is to be said of the numbers beside these environments; nothing where there are none."""
     beside = [RETURNS.get(name, {}) for name in map(find_task_file, environments)]
     return list(dict.fromkeys(REMARKS[numbers.source] for methods in beside for numbers in methods.values()))

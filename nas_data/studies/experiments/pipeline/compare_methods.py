@@ -7,35 +7,35 @@ import numpy as np
 
 from nas_data.envs.base import find_task_file
 from nas_data.policies.compare import Comparison, Study, compare
-from nas_data.policies.intervals import kind_of, median_interval, median_text
+from nas_data.policies.intervals import compute_median_interval, describe_interval, format_median
 from nas_data.policies.learner import Hyperparameters
-from nas_data.policies.share import share_heading
+from nas_data.policies.share import format_share_heading
 from nas_data.policies.watching import watching
 from nas_data.reports.experiment_figures import Panel
 from nas_data.runs.stages import INDENT
 from nas_data.studies.experiments.base import Request, ResultTable
 from nas_data.studies.experiments.pipeline.artifacts import Artifacts
 from nas_data.studies.experiments.pipeline.authors import RETURNS
-from nas_data.studies.experiments.pipeline.dynamics import dynamics_of
-from nas_data.studies.experiments.pipeline.methods import METHODS, needs_of, target
+from nas_data.studies.experiments.pipeline.dynamics import describe_target
+from nas_data.studies.experiments.pipeline.methods import METHODS, list_needed_stages, make_target
 from nas_data.studies.experiments.pipeline.sizes import Sizes
 from nas_data.studies.experiments.pipeline.stages import describe_stages
-from nas_data.studies.experiments.pipeline.table_notes import describe_paired, notes
+from nas_data.studies.experiments.pipeline.table_notes import describe_paired, list_notes
 from nas_data.typed_json import to_json
 
 
-def headers(seeds: int) -> tuple[str, ...]:
+def make_headers(seeds: int) -> tuple[str, ...]:
     """Return the column headings, with the kind of intervals over seeds."""
     several = seeds > 1
     return (
         "method",
         "learned on",
         "seeds",
-        f"median [{kind_of(seeds)}]" if several else "median",
+        f"median [{describe_interval(seeds)}]" if several else "median",
         "mean",
         "min … max",
         "success",
-        share_heading(seeds),
+        format_share_heading(seeds),
         "authors: median",
         "authors: mean",
     )
@@ -46,7 +46,7 @@ def choose_methods(request: Request) -> tuple[str, ...]:
     return request.methods or tuple(METHODS)
 
 
-def hyperparameters(sizes: Sizes) -> Hyperparameters:
+def make_hyperparameters(sizes: Sizes) -> Hyperparameters:
     """Return the hyperparameters of PPO."""
     return Hyperparameters(arms=sizes.arms, rollout=sizes.rollout, minibatches=sizes.minibatches, epochs=sizes.epochs)
 
@@ -54,30 +54,30 @@ def hyperparameters(sizes: Sizes) -> Hyperparameters:
 def compare_methods(request: Request, environment: str) -> tuple[Artifacts, Comparison]:
     """Train every method with every seed, and evaluate all on the target; methods without artifacts come first."""
     names = choose_methods(request)
-    needs = sorted(needs_of(names))
+    needs = sorted(list_needed_stages(names))
     bare = tuple(name for name in names if not METHODS[name].needs)
     if bare:
         material = request.material(environment, ())
-        comparison = run_study(study(request, material, bare), request, environment)
+        comparison = run_study(make_study(request, material, bare), request, environment)
         at_stake = comparison.at_stake()
         if at_stake is not None and (sentence := at_stake.sentence()):
             request.report(f"{INDENT}{sentence}")
         if not needs:
             return material, comparison
     material = request.material(environment, needs)
-    return material, run_study(study(request, material, names, material.content_hash), request, environment)
+    return material, run_study(make_study(request, material, names, material.content_hash), request, environment)
 
 
-def study(request: Request, material: Artifacts, names: Sequence[str], dataset: str | None = None) -> Study:
+def make_study(request: Request, material: Artifacts, names: Sequence[str], dataset: str | None = None) -> Study:
     """Return the comparison of methods with an environment's artifacts."""
     sizes = request.sizes
     return Study(
-        target=target(material),
+        target=make_target(material),
         methods={name: METHODS[name].plant(material) for name in names},
         seeds=sizes.seeds,
         frames=sizes.frames,
         episodes=sizes.judged,
-        hyperparameters=hyperparameters(sizes),
+        hyperparameters=make_hyperparameters(sizes),
         dataset=dataset,
     )
 
@@ -93,21 +93,21 @@ def run_study(study: Study, request: Request, environment: str) -> Comparison:
         return compare(study, folder, request.workers, report, quiet=True)
 
 
-def table(material: Artifacts, comparison: Comparison, title: str) -> ResultTable:
+def make_table(material: Artifacts, comparison: Comparison, title: str) -> ResultTable:
     """Return the comparison as a table, with the authors' numbers next to ours."""
-    rows = [row(comparison, material.plan.recipe.environment, method) for method in comparison.study.methods]
-    return ResultTable(title, headers(len(comparison.study.seeds)), rows, notes(material, comparison))
+    rows = [make_row(comparison, material.plan.recipe.environment, method) for method in comparison.study.methods]
+    return ResultTable(title, make_headers(len(comparison.study.seeds)), rows, list_notes(material, comparison))
 
 
-def panel(comparison: Comparison, environment: str) -> Panel:
+def make_panel(comparison: Comparison, environment: str) -> Panel:
     """Return the returns on an environment for the figure, with the authors' numbers next to ours."""
     returns = {method: comparison.values(method) for method in comparison.study.methods}
-    intervals = {method: median_interval(values) for method, values in returns.items()}
+    intervals = {method: compute_median_interval(values) for method, values in returns.items()}
     authors = RETURNS.get(find_task_file(environment), {})
     return Panel(environment, returns, intervals, {method: numbers.values for method, numbers in authors.items()})
 
 
-def row(comparison: Comparison, environment: str, method: str) -> Sequence[str]:
+def make_row(comparison: Comparison, environment: str, method: str) -> Sequence[str]:
     """Return one method's row."""
     returns, closed = comparison.values(method), comparison.share_closed(method)
     authors = RETURNS.get(find_task_file(environment), {}).get(method)
@@ -115,7 +115,7 @@ def row(comparison: Comparison, environment: str, method: str) -> Sequence[str]:
         method,
         METHODS[method].learned_on,
         str(len(returns)),
-        median_text(returns),
+        format_median(returns),
         f"{returns.mean():.2f}",
         f"{returns.min():.2f} … {returns.max():.2f}",
         f"{np.median(comparison.values(method, 'success_rate')):.0%}",
@@ -140,11 +140,11 @@ def describe(material: Artifacts, comparison: Comparison) -> dict[str, object]:
     ]
     return {
         **comparison.describe(),
-        "intervals": {method: median_interval(comparison.values(method)).describe() for method in methods},
+        "intervals": {method: compute_median_interval(comparison.values(method)).describe() for method in methods},
         "named_nas_minus_nas": describe_paired(comparison),
         "authors": {method: numbers.describe() for method, numbers in authors.items()},
         "hyperparameters": asdict(comparison.study.hyperparameters),
-        "dynamics": dynamics_of(material),
+        "dynamics": describe_target(material),
         "dataset": comparison.study.dataset,
         "material": plan.describe(),
         "stages": describe_stages(material),

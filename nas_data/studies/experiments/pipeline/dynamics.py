@@ -8,7 +8,7 @@ from nas_data.simulators.engines import ENGINE_NAMES
 from nas_data.studies.experiments.pipeline.artifacts import Artifacts
 
 
-def dynamics_of(material: Artifacts) -> str:
+def describe_target(material: Artifacts) -> str:
     """Return a sentence on the target of the artifacts."""
     plan = material.plan
     said = describe_dynamics(plan.task, plan.recipe.dynamics, plan.source)
@@ -35,21 +35,21 @@ def list_effects(task: Task, dynamics: str) -> str:
     """Return the effects of a dynamics with their joints, and its model edits."""
     joints: dict[str, list[str]] = {}
     for effect in task.effects(dynamics):
-        joints.setdefault(effect_words(effect), []).append(effect.joint or "the arm")
+        joints.setdefault(format_effect(effect), []).append(effect.joint or "the arm")
     said = [f"{words} in {', '.join(places)}" for words, places in joints.items()]
-    return "; ".join([*said, *edit_words(task.edits.get(dynamics))]) or "nothing added"
+    return "; ".join([*said, *format_edit(task.edits.get(dynamics))]) or "nothing added"
 
 
-def effect_words(effect: Effect) -> str:
+def format_effect(effect: Effect) -> str:
     """Return an effect's name and its parameters with their units."""
     values = ", ".join(f"{p.name} {getattr(effect, p.name):g} {p.unit}".rstrip() for p in effect.free_parameters)
     return f"{effect.name()} ({values})"
 
 
-def edit_words(edit: Edit | None) -> list[str]:
+def format_edit(edit: Edit | None) -> list[str]:
     """Return the function name and arguments of an edit."""
     if isinstance(edit, InTurn):
-        return [*edit_words(edit.first), *edit_words(edit.second)]
+        return [*format_edit(edit.first), *format_edit(edit.second)]
     if isinstance(edit, partial):
         arguments = ", ".join(f"{name}={value}" for name, value in edit.keywords.items())
         return [f"{edit.func.__name__} ({arguments})"]

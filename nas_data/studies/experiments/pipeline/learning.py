@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from nas_data.dataset import versions
-from nas_data.dataset.content import content_hash
+from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
 from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.run import CHECKPOINT, HISTORY, STATE, TrainingRun
 from nas_data.models.training import ModelTraining
-from nas_data.runs.code_hash import code_hash
-from nas_data.sources import kept_files, locate_source
+from nas_data.runs.code_hash import hash_code
+from nas_data.sources import locate_source, read_kept_files
 from nas_data.whole_file import write_whole
 
 TRAINED_BY = "nas_data.models.run"
@@ -61,7 +61,7 @@ def train_model(
     """
     dataset = read(job.dataset)
     chosen = choose(dataset)
-    parent = versions.parent_of(job.dataset, dataset)
+    parent = versions.make_parent(job.dataset, dataset)
     kept = locate_source(None, (), [job.dataset])
     source = kept.simulator(dataset, job.threads)
     provenance = {
@@ -71,15 +71,15 @@ def train_model(
     identity = {
         "kind": job.kind,
         "options": asdict(job.options),
-        "learned_from": content_hash(chosen),
+        "learned_from": hash_content(chosen),
         "source": provenance["source"],
-        "code": code_hash(TRAINED_BY, *kept.modules()),
+        "code": hash_code(TRAINED_BY, *kept.modules()),
     }
     claim(job, json.loads(json.dumps(identity)), report)
     history = job.folder / HISTORY
     if not history.is_file() or (job.folder / STATE).exists():
         training = ModelTraining(job.kind, chosen, job.options, source, provenance)
-        TrainingRun(training, job.folder, report, kept_files(job.dataset)).run()
+        TrainingRun(training, job.folder, report, read_kept_files(job.dataset)).run()
     rows: list[dict[str, float]] = json.loads(history.read_text(encoding="utf-8"))
     return rows
 

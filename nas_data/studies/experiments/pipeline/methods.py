@@ -24,13 +24,13 @@ class Method:
     needs: tuple[str, ...] = ()
 
 
-def target(material: Artifacts) -> DynamicsSpec:
+def make_target(material: Artifacts) -> DynamicsSpec:
     """Return the target, on which every policy is evaluated."""
     recipe = material.plan.recipe
     return DynamicsSpec(recipe.environment, recipe.dynamics, engine=recipe.engine)
 
 
-def on_source(
+def add_to_source(
     material: Artifacts, checkpoint: str | None = None, effects: str | None = None, randomised: bool = False
 ) -> DynamicsSpec:
     """Return the source with something added."""
@@ -38,21 +38,21 @@ def on_source(
     return DynamicsSpec(plan.recipe.environment, plan.source, checkpoint, effects, randomised=randomised)
 
 
-def named_nas(material: Artifacts) -> DynamicsSpec:
+def make_named_nas(material: Artifacts) -> DynamicsSpec:
     """Return the source with named effects and φ; one of them alone if the other is empty."""
     if material.named is None:
-        return on_source(material, material.phi)
-    return on_source(material, None if material.explained else material.phi_named, material.named)
+        return add_to_source(material, material.phi)
+    return add_to_source(material, None if material.explained else material.phi_named, material.named)
 
 
 METHODS: Mapping[str, Method] = {
-    EXPERT_METHOD: Method("the target itself", target),
-    SOURCE_METHOD: Method("the source", on_source),
-    "forward": Method("ψ, with the real reward", lambda m: on_source(m, m.psi), (PSI,)),
-    "nas": Method("source + φ", lambda m: on_source(m, m.phi), (PHI,)),
-    "named": Method("source + named effects", lambda m: on_source(m, effects=m.named), (NAMES,)),
-    "named_nas": Method("source + named effects + φ", named_nas, (PHI, NAMES, PHI_NAMED)),
-    "randomised": Method("source, randomised", lambda m: on_source(m, randomised=True)),
+    EXPERT_METHOD: Method("the target itself", make_target),
+    SOURCE_METHOD: Method("the source", add_to_source),
+    "forward": Method("ψ, with the real reward", lambda m: add_to_source(m, m.psi), (PSI,)),
+    "nas": Method("source + φ", lambda m: add_to_source(m, m.phi), (PHI,)),
+    "named": Method("source + named effects", lambda m: add_to_source(m, effects=m.named), (NAMES,)),
+    "named_nas": Method("source + named effects + φ", make_named_nas, (PHI, NAMES, PHI_NAMED)),
+    "randomised": Method("source, randomised", lambda m: add_to_source(m, randomised=True)),
 }
 
 
@@ -63,6 +63,6 @@ def check_methods(names: Sequence[str], known: Sequence[str]) -> None:
             raise UnknownName("method", name, known or METHODS)
 
 
-def needs_of(names: Sequence[str]) -> set[str]:
+def list_needed_stages(names: Sequence[str]) -> set[str]:
     """Return the stages that methods need, without their dependencies."""
     return set[str]().union(*(METHODS[name].needs for name in names))

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from nas_data.dataset import versions
-from nas_data.dataset.content import content_hash
+from nas_data.dataset.content import hash_content
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
 from nas_data.effects.base import Effect
@@ -14,7 +14,7 @@ from nas_data.pairing import pair
 from nas_data.recorders.recipe import Recipe
 from nas_data.robots.base import Robot
 from nas_data.simulators.engines import load_simulator
-from nas_data.sources import source_files
+from nas_data.sources import collect_source_files
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def record_and_pair(recipe: Recipe, source: Predictor, name: str, home: Path, fo
         folder: Of its datasets, below that.
     """
     recorded, provenance = recipe.record()
-    root = versions.new_version(recorded, name, provenance, home / folder)
+    root = versions.write_version(recorded, name, provenance, home / folder)
     return pair_again(root, source, name, home, folder)
 
 
@@ -80,8 +80,8 @@ def pair_again(root: Path, source: Predictor, name: str, home: Path, folder: str
         read_provenance(root) or Provenance(how="paired"),
         how="paired",
         source=simulator.describe(),
-        parents=(versions.parent_of(root, recorded),),
+        parents=(versions.make_parent(root, recorded),),
     )
-    kept = {f"meta/{file}": content for file, content in source_files(source.robot, source.effects).items()}
-    path = versions.new_version(paired, name, provenance, home / folder, kept)
-    return PairedRecording(str(path.relative_to(home)), content_hash(paired), paired.n_episodes, paired.n_frames)
+    kept = {f"meta/{file}": content for file, content in collect_source_files(source.robot, source.effects).items()}
+    path = versions.write_version(paired, name, provenance, home / folder, kept)
+    return PairedRecording(str(path.relative_to(home)), hash_content(paired), paired.n_episodes, paired.n_frames)

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from nas_data.environment_ids import environment_name
+from nas_data.environment_ids import make_environment_name
 from nas_data.envs.base import find_task, find_task_file
 from nas_data.errors import OptionError, UnknownName
-from nas_data.runs.environment_info import commit, versions
+from nas_data.runs.environment_info import find_commit, read_versions
 from nas_data.runs.parallel import combine_errors
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request, find_experiment
 from nas_data.studies.experiments.pipeline.methods import METHODS, check_methods
-from nas_data.typed_json import finite
+from nas_data.typed_json import make_finite
 from nas_data.whole_file import write_whole
 
 
@@ -42,7 +42,7 @@ def conduct(name: str, request: Request) -> Conducted:
         JobsFailed: several jobs failed; all others are finished.
     """
     experiment = find_experiment(name)
-    spelt = tuple(environment_name(find_task_file(environment)) for environment in request.environments)
+    spelt = tuple(make_environment_name(find_task_file(environment)) for environment in request.environments)
     request = replace(request, environments=spelt)  # file names do not depend on the spelling of an environment
     check(experiment, request)
     if len(request.environments) > 1:
@@ -74,31 +74,31 @@ def make(name: str, experiment: Experiment, request: Request) -> Conducted:
     began = time.monotonic()
     result = experiment.run(request)
     seconds = round(time.monotonic() - began, 1)
-    data = {**about(name, experiment.title, request), **result.data, "seconds_of_this_call": seconds}
-    files = write(result, data, experiment.title, request, request.folder / stem_of(name, request))
-    lines = [*warnings(request), *(f"{table.text()}\n" for table in result.tables), *result.notes]
+    data = {**describe_request(name, experiment.title, request), **result.data, "seconds_of_this_call": seconds}
+    files = write(result, data, experiment.title, request, request.folder / format_stem(name, request))
+    lines = [*list_warnings(request), *(f"{table.text()}\n" for table in result.tables), *result.notes]
     lines += [f"→ {path}" for path in files.values()]
     places = {key: str(path) for key, path in files.items()}
     return Conducted("\n".join(lines), {**places, **data}, tuple(files.values()))
 
 
-def about(name: str, title: str, request: Request) -> dict[str, object]:
+def describe_request(name: str, title: str, request: Request) -> dict[str, object]:
     """Return the common entries of every experiment's JSON."""
     return {
         "schema": 1,
         "experiment": name,
         "title": title,
         "size": request.sizes.name,
-        "warning": next(iter(warnings(request)), None),
+        "warning": next(iter(list_warnings(request)), None),
         "dynamics": request.dynamics,
         "engine": request.engine,
         "ppo": request.sizes.ppo,
-        "versions": versions(),
-        "commit": commit(),
+        "versions": read_versions(),
+        "commit": find_commit(),
     }
 
 
-def warnings(request: Request) -> list[str]:
+def list_warnings(request: Request) -> list[str]:
     """Return the warning above tables of quick runs."""
     return [sentence for sentence in (request.sizes.sentence(),) if sentence]
 
@@ -109,8 +109,8 @@ def write(
     """Write JSON, tables and pictures; return the files by kind."""
     named = {"result": ".json", "table": ".md", **{f"figure{end}": f"{end}.png" for end in result.pictures}}
     files = {key: stem.with_name(stem.name + end) for key, end in named.items()}
-    page = [f"# {title}", *warnings(request), *(table.markdown() for table in result.tables), *result.notes]
-    write_whole(files["result"], (json.dumps(finite(data), indent=1, allow_nan=False) + "\n").encode())
+    page = [f"# {title}", *list_warnings(request), *(table.markdown() for table in result.tables), *result.notes]
+    write_whole(files["result"], (json.dumps(make_finite(data), indent=1, allow_nan=False) + "\n").encode())
     write_whole(files["table"], ("\n\n".join(page) + "\n").encode())
     for end, picture in result.pictures.items():
         write_whole(files[f"figure{end}"], picture)
@@ -136,15 +136,15 @@ def check(experiment: Experiment, request: Request) -> None:
             raise OptionError(f"{option} is {value}; it must be 1 or more.")
 
 
-def stem_of(name: str, request: Request) -> str:
+def format_stem(name: str, request: Request) -> str:
     """Return the name of an experiment's files, without their endings."""
     names = request.environments
     usual = len(names) > 1 and names == find_experiment(name).environments
     quick = [request.sizes.name] if request.sizes.quick else []
-    return "-".join([name, *(() if usual else names), request.target, *quick, *part_of(request)])
+    return "-".join([name, *(() if usual else names), request.target, *quick, *describe_part(request)])
 
 
-def part_of(request: Request) -> list[str]:
+def describe_part(request: Request) -> list[str]:
     """Return words for differences from the whole experiment; none for the whole."""
     ours, whole = request.sizes, request.whole or request.sizes
     words = []

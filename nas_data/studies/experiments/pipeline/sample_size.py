@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from nas_data.dataset import versions
-from nas_data.dataset.content import content_hash
+from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
@@ -31,10 +31,10 @@ from nas_data.studies.ablation.amount import Amount
 from nas_data.studies.ablation.subsets import draw
 from nas_data.studies.experiments.pipeline.artifacts import DATASETS, NAMED, NAMES, PHI, PHI_NAMED, PSI, Artifacts
 from nas_data.studies.experiments.pipeline.learning import ModelJob, read_record, train_model
-from nas_data.studies.experiments.pipeline.methods import METHODS, on_source, target
+from nas_data.studies.experiments.pipeline.methods import METHODS, add_to_source, make_target
 from nas_data.studies.experiments.pipeline.pairs import pair_again
 from nas_data.studies.experiments.pipeline.sizes import FOR_FEW
-from nas_data.studies.experiments.pipeline.stages import naming_code
+from nas_data.studies.experiments.pipeline.stages import hash_naming_code
 from nas_data.whole_file import write_whole
 
 SUBSET = "subset"
@@ -98,7 +98,7 @@ class CountJob:
         train = self.material.train
         provenance = read_provenance(train)
         assert provenance is not None  # the material recorded it
-        return versions.new_version(self.subset(read(train)), SUBSET, provenance, self.folder / DATASETS)
+        return versions.write_version(self.subset(read(train)), SUBSET, provenance, self.folder / DATASETS)
 
     def seeded(self, options: TrainingOptions) -> TrainingOptions:
         """Return options of a training with this seed."""
@@ -109,7 +109,7 @@ def learn(job: CountJob, kind: Kind, options: TrainingOptions, folder: str) -> L
     """Train φ or ψ on the subset."""
     model = ModelJob(kind, job.material.train, job.seeded(options), job.folder / folder, job.threads)
     history = train_model(model, silence, job.subset)
-    return on_source(job.material, str(model.folder)), history[-1]["seconds"]
+    return add_to_source(job.material, str(model.folder)), history[-1]["seconds"]
 
 
 def learn_by(job: CountJob, preset: str) -> Learned:
@@ -121,7 +121,7 @@ def name_subset(job: CountJob) -> Names:
     """Run `nas gap` on the subset alone; a finished report is read."""
     folder, root = job.folder / NAMES, job.recorded()
     record = folder.with_name(f"{NAMES}.json")
-    identity = {"named_from": content_hash(read(root)), "code": naming_code(job.material.plan)}
+    identity = {"named_from": hash_content(read(root)), "code": hash_naming_code(job.material.plan)}
     held = read_record(record)
     if held.get("identity") != identity or not (folder / EFFECTS).is_file():
         began = time.monotonic()
@@ -137,7 +137,7 @@ def name_subset(job: CountJob) -> Names:
 def with_names(job: CountJob) -> Learned:
     """Return the source with the named effects."""
     names = name_subset(job)
-    return on_source(job.material, effects=None if names.folder is None else str(names.folder)), names.seconds
+    return add_to_source(job.material, effects=None if names.folder is None else str(names.folder)), names.seconds
 
 
 def with_names_and_phi(job: CountJob) -> Learned:
@@ -147,12 +147,12 @@ def with_names_and_phi(job: CountJob) -> Learned:
     if folder is None:
         return learn(job, "delta", material.plan.delta, PHI)
     if explained:
-        return on_source(material, effects=str(folder)), seconds
+        return add_to_source(material, effects=str(folder)), seconds
     pairs = pair_again(job.recorded(), material.plan.source_with(folder), NAMED, job.folder, DATASETS)
     options = job.seeded(material.plan.delta)
     model = ModelJob("delta", job.folder / pairs.path, options, job.folder / PHI_NAMED, job.threads)
     history = train_model(model, silence)
-    return on_source(material, str(model.folder), str(folder)), seconds + history[-1]["seconds"]
+    return add_to_source(material, str(model.folder), str(folder)), seconds + history[-1]["seconds"]
 
 
 LEARNED: Mapping[str, Callable[[CountJob], Learned]] = {
@@ -178,7 +178,7 @@ def do_count(job: CountJob) -> dict[str, tuple[PolicyResult, float]]:
         run = Run(
             method=method,
             training=PolicyTraining(plant, job.seed, job.frames, job.hyperparameters),
-            target=target(job.material),
+            target=make_target(job.material),
             episodes=job.episodes,
             folder=job.folder / method / job.policies,
             quiet=True,

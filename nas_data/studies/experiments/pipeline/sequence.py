@@ -8,7 +8,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
 from nas_data.models.evaluation import Evaluation
 from nas_data.reports.experiment_figures import warn
-from nas_data.reports.prediction_figures import joint_errors, trajectory
+from nas_data.reports.prediction_figures import compute_joint_errors, draw_trajectory
 from nas_data.reports.style import to_png
 from nas_data.studies.experiments.base import Request
 from nas_data.studies.experiments.pipeline.artifacts import PHI, PSI, Artifacts
@@ -45,13 +45,13 @@ class Sequence:
     def errors(self, predictor: str) -> list[np.ndarray]:
         """Return the RMS position error over joints [rad] at each step of each episode."""
         joints, rollouts = len(self.dataset.joints), self.evaluation.rollouts[predictor]
-        return [joint_errors(one, other, joints) for one, other in zip(rollouts, self.measured, strict=True)]
+        return [compute_joint_errors(one, other, joints) for one, other in zip(rollouts, self.measured, strict=True)]
 
     def picture(self, quick: bool) -> bytes:
         """Draw the joint in the episode, and the predictors' errors below; a quick one says so."""
         rows = self.dataset.episode(self.episode)
         effort = not self.dataset.commands_positions
-        figure = trajectory(
+        figure = draw_trajectory(
             self.measured[self.episode][:, self.joint],
             {name: self.evaluation.rollouts[name][self.episode][:, self.joint] for name in DRAWN},
             None if effort else self.dataset.commands[rows, self.joint],

@@ -12,7 +12,7 @@ from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.gap import workflow
 from nas_data.gap.named import Named
 from nas_data.models.lstm import Kind
-from nas_data.runs.code_hash import code_hash, effect_modules, gap_modules
+from nas_data.runs.code_hash import hash_code, list_effect_modules, list_gap_modules
 from nas_data.runs.progress import Calm, Report
 from nas_data.runs.stages import INDENT, Stage, StageResult, Work, read_done, run_stages
 from nas_data.runs.stages_side_by_side import Part, do_part, run_side_by_side
@@ -53,7 +53,7 @@ def record(job: Job) -> StageResult:
     return StageResult(said, {name: one.describe() for name, one in found.items()})
 
 
-def learner(kind: Kind, name: str, folder: str) -> Callable[[Job], StageResult]:
+def make_learner(kind: Kind, name: str, folder: str) -> Callable[[Job], StageResult]:
     """Return a function that trains a model of a kind on the pairs."""
 
     def learn(job: Job) -> StageResult:
@@ -73,7 +73,7 @@ def run_training(model: ModelJob, name: str, job: Job) -> StageResult:
 def name_effects(job: Job) -> StageResult:
     """Run `nas gap` on the recordings alone, without knowledge of the target."""
     material = Artifacts(job.plan, job.folder)
-    root = recordings_to_name(job)
+    root = select_recordings(job)
     say = Calm(lambda line: job.report(f"{INDENT}names  {line.strip()}"), PAUSE)
     report = workflow.investigate(root, material.train / "meta/source.xml", job.folder / NAMES, say)
     named = Named.read(job.folder / NAMES)
@@ -84,13 +84,13 @@ def name_effects(job: Job) -> StageResult:
     )
 
 
-def recordings_to_name(job: Job) -> Path:
+def select_recordings(job: Job) -> Path:
     """Return the folder of the input of `nas gap`: all recorded episodes, or the first ones."""
     train = Artifacts(job.plan, job.folder).train
     dataset, provenance = read(train), read_provenance(train)
     if job.plan.named is None or job.plan.named >= dataset.n_episodes or provenance is None:
         return train
-    return versions.new_version(dataset.select(range(job.plan.named)), "to_name", provenance, job.folder / DATASETS)
+    return versions.write_version(dataset.select(range(job.plan.named)), "to_name", provenance, job.folder / DATASETS)
 
 
 def learn_on_names(job: Job) -> StageResult:
@@ -106,32 +106,32 @@ def learn_on_names(job: Job) -> StageResult:
     return run_training(model, "φ on the names", job)
 
 
-def source_modules(plan: MaterialPlan) -> tuple[str, ...]:
+def list_source_modules(plan: MaterialPlan) -> tuple[str, ...]:
     """Return the modules that determine the source's motion."""
     return DynamicsSpec(plan.recipe.environment, plan.source).modules()
 
 
-def recording_code(plan: MaterialPlan) -> str:
+def hash_recording_code(plan: MaterialPlan) -> str:
     """Return the hash of the code that records the target and pairs it with the source."""
     recipe = plan.recipe
     target = DynamicsSpec(recipe.environment, recipe.dynamics, engine=recipe.engine).modules()
-    return code_hash(*target, *source_modules(plan), "nas_data.studies.experiments.pipeline.pairs")
+    return hash_code(*target, *list_source_modules(plan), "nas_data.studies.experiments.pipeline.pairs")
 
 
-def learning_code(plan: MaterialPlan) -> str:
+def hash_learning_code(plan: MaterialPlan) -> str:
     """Return the hash of the code that trains φ and ψ."""
-    return code_hash(*source_modules(plan), "nas_data.models.run")
+    return hash_code(*list_source_modules(plan), "nas_data.models.run")
 
 
-def naming_code(plan: MaterialPlan) -> str:
+def hash_naming_code(plan: MaterialPlan) -> str:
     """Return the hash of the code that names effects: the search and all effects."""
-    return code_hash(*source_modules(plan), *gap_modules())
+    return hash_code(*list_source_modules(plan), *list_gap_modules())
 
 
-def learning_on_names_code(plan: MaterialPlan) -> str:
+def hash_named_learning_code(plan: MaterialPlan) -> str:
     """Return the hash of the code that pairs the source with named effects, and trains φ on it."""
-    pairing = (*effect_modules(), "nas_data.gap.named", "nas_data.studies.experiments.pipeline.pairs")
-    return code_hash(*source_modules(plan), *pairing, "nas_data.models.run")
+    pairing = (*list_effect_modules(), "nas_data.gap.named", "nas_data.studies.experiments.pipeline.pairs")
+    return hash_code(*list_source_modules(plan), *pairing, "nas_data.models.run")
 
 
 STAGES = {  # in parallel runs, stages with dependents come first, then the longest ones
@@ -145,7 +145,7 @@ STAGES = {  # in parallel runs, stages with dependents come first, then the long
             record,
             (DATASETS,),
             (),
-            recording_code,
+            hash_recording_code,
         ),
         Stage(
             NAMES,
@@ -154,17 +154,17 @@ STAGES = {  # in parallel runs, stages with dependents come first, then the long
             name_effects,
             (NAMES,),
             ("record",),
-            naming_code,
+            hash_naming_code,
         ),
         Stage(
             PHI,
             "Learn φ",
             "φ corrects each step of the source; 'validation' is the error of its own rollouts [rad], * the best so "
             "far, which is kept.",
-            learner("delta", "φ", PHI),
+            make_learner("delta", "φ", PHI),
             (PHI,),
             ("record",),
-            learning_code,
+            hash_learning_code,
         ),
         Stage(
             PHI_NAMED,
@@ -173,16 +173,16 @@ STAGES = {  # in parallel runs, stages with dependents come first, then the long
             learn_on_names,
             (PHI_NAMED,),
             ("record", NAMES),
-            learning_on_names_code,
+            hash_named_learning_code,
         ),
         Stage(
             PSI,
             "Learn ψ",
             "ψ predicts each step without a simulator.",
-            learner("forward", "ψ", PSI),
+            make_learner("forward", "ψ", PSI),
             (PSI,),
             ("record",),
-            learning_code,
+            hash_learning_code,
         ),
     )
 }

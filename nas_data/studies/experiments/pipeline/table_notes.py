@@ -7,7 +7,7 @@ import numpy as np
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Comparison
 from nas_data.policies.intervals import FEW
 from nas_data.studies.experiments.pipeline.artifacts import Artifacts
-from nas_data.studies.experiments.pipeline.dynamics import dynamics_of
+from nas_data.studies.experiments.pipeline.dynamics import describe_target
 from nas_data.studies.experiments.pipeline.methods import METHODS
 
 NAS, NAMED_NAS = "nas", "named_nas"
@@ -24,25 +24,29 @@ WITHOUT_ENDS = (
 )
 
 
-def notes_on_models(material: Artifacts) -> list[str]:
+def list_model_notes(material: Artifacts) -> list[str]:
     """Return the sentences below a table of φ and ψ."""
-    return [dynamics_of(material), ONE_MODEL]
+    return [describe_target(material), ONE_MODEL]
 
 
-def notes(material: Artifacts, comparison: Comparison) -> list[str]:
+def list_notes(material: Artifacts, comparison: Comparison) -> list[str]:
     """Return the sentences below a table of methods."""
     stake = comparison.at_stake()
     nothing = None if stake is None else stake.sentence()
-    said = [dynamics_of(material)]
+    said = [describe_target(material)]
     said += [nothing] if nothing else []
     said += [WITHOUT_ENDS] if stake is None and {*comparison.study.methods} - {EXPERT_METHOD, SOURCE_METHOD} else []
     said += [ONE_MATERIAL] if any(METHODS[method].needs for method in comparison.study.methods) else []
-    said += [*comparison.shared(), *note_on_names_alone(material, comparison)]
-    said += [on_intervals(len(comparison.study.seeds)), *describe_return_differences(comparison), *comparison.lost()]
+    said += [*comparison.shared(), *describe_names_alone(material, comparison)]
+    said += [
+        describe_intervals(len(comparison.study.seeds)),
+        *describe_return_differences(comparison),
+        *comparison.lost(),
+    ]
     return [sentence for sentence in said if sentence]
 
 
-def note_on_names_alone(material: Artifacts, comparison: Comparison) -> Sequence[str]:
+def describe_names_alone(material: Artifacts, comparison: Comparison) -> Sequence[str]:
     """Return a note if named + φ equals the named effects alone."""
     if NAMED_NAS not in comparison.study.methods or not material.explained:
         return ()
@@ -52,7 +56,7 @@ def note_on_names_alone(material: Artifacts, comparison: Comparison) -> Sequence
     )
 
 
-def on_intervals(seeds: int) -> str:
+def describe_intervals(seeds: int) -> str:
     """Return a note on intervals over few seeds; none if there are enough seeds."""
     if not 1 < seeds <= FEW:
         return ""
@@ -63,7 +67,7 @@ def on_intervals(seeds: int) -> str:
     )
 
 
-def return_differences(comparison: Comparison) -> np.ndarray | None:
+def compute_return_differences(comparison: Comparison) -> np.ndarray | None:
     """Return the difference of returns of named + φ and φ by seed, shape (seeds,); None if one is missing."""
     if not {NAS, NAMED_NAS} <= set(comparison.study.methods):
         return None
@@ -72,7 +76,7 @@ def return_differences(comparison: Comparison) -> np.ndarray | None:
 
 def describe_return_differences(comparison: Comparison) -> Sequence[str]:
     """Return a note on named + φ against φ alone, seed by seed."""
-    apart = return_differences(comparison)
+    apart = compute_return_differences(comparison)
     if apart is None:
         return ()
     return (
@@ -83,7 +87,7 @@ def describe_return_differences(comparison: Comparison) -> Sequence[str]:
 
 def describe_paired(comparison: Comparison) -> dict[str, object] | None:
     """Return the paired comparison for JSON; None if one is missing."""
-    apart = return_differences(comparison)
+    apart = compute_return_differences(comparison)
     if apart is None:
         return None
     return {
