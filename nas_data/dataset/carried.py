@@ -14,7 +14,13 @@ import numpy as np
 import pyarrow as pa
 
 from nas_data.dataset import layout
-from nas_data.dataset.descriptions import LANGUAGE, Description, common_description, difference, schema_entry
+from nas_data.dataset.descriptions import (
+    LANGUAGE,
+    Description,
+    find_difference,
+    make_common_description,
+    make_schema_entry,
+)
 from nas_data.dataset.language import has_times, make_alike, move_times
 from nas_data.dataset.parquet import open_parquet, read_parquet, try_parquet
 from nas_data.dataset.videos import VIDEO, VIDEO_PATH, Clip, VideoPlace
@@ -80,7 +86,7 @@ class Carried:
         """LeRobot's description of each feature."""
         described = [layout.read_feature_entries(info) for info in self._infos]
         keys = layout.describe_other_features(self._infos[0]) if self.kept is None else self.kept
-        return {key: common_description([entries[key] for entries in described]) for key in keys}
+        return {key: make_common_description([entries[key] for entries in described]) for key in keys}
 
     @property
     def tools(self) -> list[object]:
@@ -157,7 +163,7 @@ class Carried:
     def huggingface(self) -> dict[str, object]:
         """Return the description of the columns for `datasets.Features`."""
         written = self._sources[0].schema_metadata() if self._stored else {}
-        known = {key: written.get(key) or schema_entry(self.features[key]) for key in self._stored}
+        known = {key: written.get(key) or make_schema_entry(self.features[key]) for key in self._stored}
         return {key: entry for key, entry in known.items() if entry}
 
     def clips(self, starts: np.ndarray, lengths: np.ndarray, fps: float) -> dict[str, list[Clip]]:
@@ -393,7 +399,7 @@ def shared_features(carried: Sequence[Carried | None]) -> list[str]:
     return [
         key
         for key, entry in first.items()
-        if all(key in other and difference(entry, other[key]) is None for other in others)
+        if all(key in other and find_difference(entry, other[key]) is None for other in others)
     ]
 
 

@@ -15,15 +15,15 @@ ENCODER = (
 )
 
 
-def kind_of(entry: Description) -> str:
+def describe_kind(entry: Description) -> str:
     """Return type and shape as words."""
     depth = " (depth)" if is_depth(entry) else ""
     return f"{entry.get('dtype')} of shape {entry.get('shape')}{depth}"
 
 
-def left_out(features: Mapping[str, Description], reason: str) -> str:
+def describe_left_out(features: Mapping[str, Description], reason: str) -> str:
     """Return a sentence without its full stop on features that are not passed through."""
-    names = ", ".join(f"'{key}' ({kind_of(entry)})" for key, entry in features.items())
+    names = ", ".join(f"'{key}' ({describe_kind(entry)})" for key, entry in features.items())
     return f"left out: {names}, because {reason}"
 
 
@@ -32,7 +32,7 @@ def is_depth(entry: Description) -> bool:
     return any(_info(entry, key).get(mark) for key in ("info", "video_info") for mark in DEPTH_MARKS)
 
 
-def difference(a: Description, b: Description) -> tuple[str, object, object] | None:
+def find_difference(a: Description, b: Description) -> tuple[str, object, object] | None:
     """Return what makes the values of two features mean different things, with both values; None if nothing does."""
     for key in ("dtype", "shape"):
         if a.get(key) != b.get(key):
@@ -44,7 +44,7 @@ def difference(a: Description, b: Description) -> tuple[str, object, object] | N
     return None if unlike is None else (unlike, scales[0].get(unlike), scales[1].get(unlike))
 
 
-def common_description(entries: Sequence[Description]) -> Description:
+def make_common_description(entries: Sequence[Description]) -> Description:
     """Return the description of joined features: the first one's, without the encoding in which others differ."""
     first, *others = entries
     if not others:
@@ -56,7 +56,7 @@ def common_description(entries: Sequence[Description]) -> Description:
     return {**first, "info": {**infos[0], **unknown}} if unlike else first
 
 
-def schema_entry(entry: Description) -> Mapping[str, object] | None:
+def make_schema_entry(entry: Description) -> Mapping[str, object] | None:
     """Return how `datasets` names the type of a column; None where it tells the type from the column itself.
 
     LeRobot's annotation and editing tools write columns without it.

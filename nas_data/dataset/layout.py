@@ -5,7 +5,7 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-from nas_data.dataset.descriptions import kind_of
+from nas_data.dataset.descriptions import describe_kind
 from nas_data.dataset.features import Feature
 from nas_data.errors import DatasetInvalid, DatasetNotFound
 from nas_data.visible_files import list_visible_files
@@ -124,7 +124,7 @@ def describe_other_features(info: Mapping[str, object]) -> dict[str, str]:
     """Return the features that are not vectors of numbers (images, videos, strings, matrices) with their type."""
     kept = select_vector_features(info)
     return {
-        key: kind_of(entry)
+        key: describe_kind(entry)
         for key, entry in read_feature_entries(info).items()
         if key not in AUTOMATIC and key not in kept
     }

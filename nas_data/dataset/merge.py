@@ -12,7 +12,7 @@ from nas_data.dataset.carried import Carried, shared_features
 from nas_data.dataset.content import hash_episodes
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import Derived, Original, find_common_value, inherit
-from nas_data.dataset.descriptions import difference, kind_of
+from nas_data.dataset.descriptions import describe_kind, find_difference
 from nas_data.dataset.features import SIM_STATE, STATE, Feature
 from nas_data.errors import DatasetInvalid, JointMismatch
 
@@ -133,10 +133,10 @@ def _check_features(a: Original, b: Original) -> None:
         if key not in carried[0] or key not in carried[1]:
             poor, rich = (a, b) if key not in carried[0] else (b, a)
             raise DatasetInvalid(
-                f"{poor.root} lacks '{key}' ({kind_of(carried[rich is b][key])}), which {rich.root} has; "
+                f"{poor.root} lacks '{key}' ({describe_kind(carried[rich is b][key])}), which {rich.root} has; "
                 "only datasets with the same cameras and texts are merged."
             )
-        unlike = difference(carried[0][key], carried[1][key])
+        unlike = find_difference(carried[0][key], carried[1][key])
         if unlike is not None:
             what, here, there = unlike
             raise DatasetInvalid(

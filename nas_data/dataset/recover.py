@@ -13,7 +13,7 @@ from nas_data.dataset.carried import Carried
 from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import Derived, make_unknown_provenance, read_attachments
-from nas_data.dataset.descriptions import left_out
+from nas_data.dataset.descriptions import describe_left_out
 from nas_data.dataset.episode_checks import EpisodeEntry, find_untrusted, read_episode_table
 from nas_data.dataset.features import Feature
 from nas_data.dataset.filmed import FilmedSource
@@ -230,7 +230,7 @@ def _recover_carried(
             reason = _reason(error)
     if not keys:
         return None, []
-    lost = left_out({key: layout.read_feature_entries(info)[key] for key in keys}, reason)
+    lost = describe_left_out({key: layout.read_feature_entries(info)[key] for key in keys}, reason)
     return None, [f"{lost}; what there is of it lies in {root / 'videos'} and {root / 'data'}"]
 
 

@@ -12,7 +12,7 @@ from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.carried import VIDEO_LEFT_OUT
 from nas_data.dataset.cutting import cut_at, find_gaps
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.descriptions import left_out
+from nas_data.dataset.descriptions import describe_left_out
 from nas_data.dataset.features import TIME
 from nas_data.dataset.foreign import import_command, is_ours, refuse
 from nas_data.dataset.joints import REMEDY, Components
@@ -214,7 +214,7 @@ def _report_videos(path: Path, before: Dataset, after: Dataset) -> list[AuditFin
     """Return a finding on the videos that are left out, if there are any."""
     had, has = (dataset.carried.features if dataset.carried else {} for dataset in (before, after))
     lost = {key: entry for key, entry in had.items() if key not in has}
-    return [AuditFinding("left_out", str(path), left_out(lost, VIDEO_LEFT_OUT), minor=True)] if lost else []
+    return [AuditFinding("left_out", str(path), describe_left_out(lost, VIDEO_LEFT_OUT), minor=True)] if lost else []
 
 
 def _remove_clock(dataset: Dataset) -> Dataset:

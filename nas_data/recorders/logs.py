@@ -12,7 +12,7 @@ from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.carried import VIDEO_LEFT_OUT, Carried, shared_features
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import subtasks
-from nas_data.dataset.descriptions import left_out
+from nas_data.dataset.descriptions import describe_left_out
 from nas_data.dataset.features import (
     ACTION,
     ENVIRONMENT,
@@ -239,7 +239,7 @@ def _report_lost(
     }
     file = recordings[0].file
     sentences = [
-        left_out({key: lost[key] for key in lost if key in keys}, why) for why, keys in reasons.items() if keys
+        describe_left_out({key: lost[key] for key in lost if key in keys}, why) for why, keys in reasons.items() if keys
     ]
     return [AuditFinding("left_out", file, sentence) for sentence in sentences]
 
