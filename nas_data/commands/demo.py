@@ -9,9 +9,9 @@ from nas_data.runs.progress import say
 
 @dataclass(frozen=True, kw_only=True)
 class Demo(Command):
-    """Record a simulated robot, learn what its simulator lacks, learn policies with it, and write a page.
+    """Record a simulated robot, name and learn what its simulator lacks, learn policies with it, and write a page.
 
-    Takes about ten minutes on two cores, without the search for names. Started again, it goes on where it was
+    Takes about twelve minutes on two cores. Started again, it goes on where it was
     interrupted.
 
     Example: nas demo --out demo
@@ -21,16 +21,16 @@ class Demo(Command):
     """Folder for everything that the demo makes; the page is report.html in it."""
     quick: bool = False
     """Go through the stages within a minute, at sizes at which nothing is learned yet."""
-    names: bool = False
-    """Let `nas gap` name what the source lacks, and learn policies on the names; the search takes many minutes more."""
+    names: bool = True
+    """Let `nas gap` name what the source lacks, and learn a policy on the names; left out where --quick is given."""
 
     def run(self) -> CommandResult:
         """Run every stage that is not done yet."""
         from nas_data.studies.demo.pipeline import run_demo
-        from nas_data.studies.demo.plan import FULL, NAMED, QUICK
+        from nas_data.studies.demo.plan import FULL, QUICK
 
         plan = QUICK if self.quick else FULL
-        results = run_demo(replace(plan, named=NAMED) if self.names else plan, self.out, say)
+        results = run_demo(plan if self.names else replace(plan, named=0), self.out, say)
         data = {
             name: {"seconds": done.seconds, "when": done.when, "load": done.load, **done.data}
             for name, done in results.items()

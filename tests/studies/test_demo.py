@@ -24,7 +24,7 @@ from nas_data.runs.stages import Stage, StageResult, claim, read_done, run_stage
 from nas_data.studies.demo import naming, plan
 from nas_data.studies.demo.naming import FOLDER
 from nas_data.studies.demo.pipeline import STAGES
-from nas_data.studies.demo.plan import FULL, NAMED, Demo
+from nas_data.studies.demo.plan import FULL, Demo
 from nas_data.studies.demo.recording import DATASETS, HELDOUT, TRAIN, find_newest
 
 SMALLER = {"episodes": 6, "frames": 256, "rollout": 256, "minibatches": 2, "epochs": 1, "judged": 2}
@@ -365,7 +365,7 @@ def test_the_full_demo_is_what_the_readme_promises():
     effects = [effect.name() for effect in FULL.task.effects(FULL.dynamics)]
     assert effects.count("backlash") == 2
     assert "speed_limit" in effects
-    assert 3 * len(FULL.holds) <= NAMED, "nas gap needs episodes of every kind to fit and to judge by"
+    assert 3 * len(FULL.holds) <= FULL.named, "nas gap needs episodes of every kind to fit and to judge by"
 
 
 def test_a_plan_says_all_that_tells_it_from_another():

@@ -29,7 +29,7 @@ def name_effects(demo: Demo) -> StageResult:
     folder = demo.folder / FOLDER
     if not demo.plan.named:
         folder.mkdir(exist_ok=True)
-        return StageResult(["left out; nas demo --names runs it"], {})
+        return StageResult(["left out"], {})
     recording, model = record_blind(demo), find_newest(demo, TRAIN) / SOURCE
     say = Calm(lambda line: demo.report(INDENT + textwrap.shorten(line, WIDTH, placeholder=" …")), PAUSE)
     report = investigate(recording, model, folder, say)

@@ -95,7 +95,7 @@ def make_names_blocks(demo: Demo) -> list[Block]:
     """Return the effects that `nas gap` named beside the hidden ones, and the errors before and after."""
     folder = demo.folder / GAP
     if read_named_dynamics(demo) is None:
-        asked = "Nothing was named and nothing retuned." if demo.plan.named else "Not searched for: nas demo --names."
+        asked = "Nothing was named and nothing retuned." if demo.plan.named else "Not searched for."
         return [Text(asked)]
     report, series = GapReport.load(folder), Series.read(folder)
     return [

@@ -32,9 +32,8 @@ STAGES = (
     Stage(
         "names",
         "Name what is missing",
-        "Where --names asks for it, `nas gap` is given episodes of the recording and the plain simulator, and is not "
-        "told what differs. It finds where the two disagree, names the effects that the simulator lacks, and adds them "
-        "to its model.",
+        "`nas gap` is given episodes of the recording and the plain simulator, and is not told what differs. It finds "
+        "where the two disagree, names the effects that the simulator lacks, and adds them to its model.",
         import_lazily("naming", "name_effects"),
         ("gap",),
     ),
