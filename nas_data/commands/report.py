@@ -88,5 +88,5 @@ def find_kind(path: Path) -> str:
 def page_of(path: Path, kind: str) -> "HtmlPage":
     """Return the page of a gap, a sweep or a dataset."""
     modules = {"gaps": "gap.showing.page", "sweeps": "studies.ablation.page", "datasets": "reports.dataset_page"}
-    page: HtmlPage = import_module(f"nas_data.{modules[kind]}").page_of_folder(path)
+    page: HtmlPage = import_module(f"nas_data.{modules[kind]}").read_page(path)
     return page

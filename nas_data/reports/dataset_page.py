@@ -27,7 +27,7 @@ MOST_EPISODES = 500  # rows of the table of episodes
 SHOWN = 3  # episodes that are drawn
 
 
-def page_of_folder(folder: Path) -> HtmlPage:
+def read_page(folder: Path) -> HtmlPage:
     """Return the page of a dataset.
 
     Args:

@@ -169,7 +169,7 @@ def test_only_code_that_decides_a_kind_makes_its_trials_other_ones(place, tmp_pa
     assert changed("nas_data.gap.name", "def name") == {"named", "named_delta"}
     assert changed("nas_data.effects.deadband", "half_width") == {"named", "named_delta"}
     assert changed("nas_data.models.fitting", "def prepare") == every - {"named"}
-    assert changed("nas_data.studies.ablation.table", "def text") == set()
+    assert changed("nas_data.studies.ablation.table", "def format_table") == set()
 
 
 def test_a_worker_with_other_code_than_the_sweep_does_nothing(place, tmp_path):

@@ -16,7 +16,7 @@ WIDER = 1.05  # margin factor of the axis of amounts
 TITLES = {"open_loop": "open loop", "one_step": "one step"}
 
 
-def page_of_folder(folder: Path) -> HtmlPage:
+def read_page(folder: Path) -> HtmlPage:
     """Return the page of a sweep's folder.
 
     Raises:
