@@ -14,6 +14,7 @@ MOVES_AFTER_ADDITION = ("swap", "merge_joints", "shift_delay", "optional_paramet
 MOVES_OF_REVIEW = ("share_value", "simplify", "drop", "replace_by_rival", "shift_delay", "drop")
 EXPLAINED = 1.5  # noise floors; a joint with a smaller held-out error is explained
 MANY_PARTS = 2  # parts per joint of the pruned plain fit above which nearly everything is missing
+AHEAD = 0.5  # share of the gain by which the search upwards must lead to end the search without explaining every joint
 FEW_PARTS = 3  # most parts of a pruned plain fit that is kept if it explains every joint
 FEW_JOINTS = 2  # most joints above the floor with which the search starts upwards if the plain fit fails
 MAX_EFFECTS = 4  # effects per excited joint
@@ -85,8 +86,9 @@ def search_both(
     if up is None:
         search.return_to(first)
         up = search_up(search, search.null, without, down if is_explained(search, down) else None, first_addition)
-    up = search.rescore(up)
-    if (is_large or is_explained(search, up)) and up.score <= search.rescore(down).score:
+    up, there = search.rescore(up), search.rescore(down)
+    is_far_ahead = there.score.over(up.score) > AHEAD * search.null.score.over(up.score)
+    if (is_large or is_far_ahead or is_explained(search, up)) and up.score <= there.score:
         return search.relinearise(up) if early else up
     down = search_up(search, search.relinearise(down), without)
     up = search.rescore(up)
