@@ -86,9 +86,9 @@ def search_both(
     if up is None:
         search.return_to(first)
         up = search_up(search, search.null, without, down if is_explained(search, down) else None, first_addition)
-    up, there = search.rescore(up), search.rescore(down)
-    is_far_ahead = there.score.over(up.score) > AHEAD * search.null.score.over(up.score)
-    if (is_large or is_far_ahead or is_explained(search, up)) and up.score <= there.score:
+    up, lower = search.rescore(up), search.rescore(down)
+    is_far_ahead = lower.score.over(up.score) > AHEAD * search.null.score.over(up.score)
+    if (is_large or is_far_ahead or is_explained(search, up)) and up.score <= lower.score:
         return search.relinearise(up) if early else up
     down = search_up(search, search.relinearise(down), without)
     up = search.rescore(up)
