@@ -35,7 +35,6 @@ LOOKS = {
 }
 MARKERS = {BEFORE: "o", RETUNED: "s", PLAIN: "v", AFTER: "D", PLACEBO: "^"}
 FLOOR = "noise floor"
-NOTHING = 1 / 3  # noise floors; smaller errors are drawn at this value
 MARGIN = 0.04  # margin of a wide logarithmic axis, as a share of its logarithmic span
 MANY = 8  # names along an axis above which they are rotated
 
@@ -97,8 +96,7 @@ def draw_joints(axes: Axes, series: Series, models: Models, unit: JointUnit, cho
     """Draw the errors of joints of one kind."""
     places, names = np.arange(len(chosen)), [series.joints[joint] for joint in chosen]
     floor = unit.factor * series.floor[chosen]
-    lowest = NOTHING * floor  # errors of a joint that never moved are rounding errors
-    rows = {name: np.maximum(unit.factor * series.by_joint(made)[chosen], lowest) for name, made in models.items()}
+    rows = {name: unit.factor * series.drawn_by_joint(made)[chosen] for name, made in models.items()}
     stacked = np.stack([*rows.values()])
     axes.vlines(places, stacked.min(0), stacked.max(0), color=LIGHT, linewidth=1.0, zorder=2)
     for name, values in rows.items():

@@ -134,7 +134,7 @@ def draw_joint_errors(report: GapReport, series: Series) -> list[Chart]:
 def draw_errors_of_kind(series: Series, shown: Mapping[str, np.ndarray], unit: JointUnit, chosen: np.ndarray) -> Chart:
     """Return the errors of joints of one kind."""
     names = [series.joints[joint] for joint in chosen]
-    rows = {name: unit.factor * series.by_joint(made)[chosen] for name, made in shown.items()}
+    rows = {name: unit.factor * series.drawn_by_joint(made)[chosen] for name, made in shown.items()}
     traces = [
         make_dots(
             names, values, name, LOOKS[name], marker={"color": LOOKS[name].colour, "size": 10, "symbol": SYMBOLS[name]}

@@ -17,6 +17,7 @@ FRIENDLY = {
     "kg": (" g", 1e3),
     "kg·m²": (" g·cm²", 1e7),
 }
+ROUNDING = 1e-12  # smaller numbers are rounding errors
 ANGLE = "rad"  # the unit of errors where a report does not say
 ENDS: tuple[Literal["heldout_error_before"], Literal["heldout_error_after"]] = (
     "heldout_error_before",
@@ -28,7 +29,9 @@ CERTAIN = 0.99  # confidence above which digits are not significant
 
 def format_figures(value: float, digits: int = 3) -> str:
     """Return a number with some significant digits, without exponent if possible."""
-    if value == 0 or not math.isfinite(value):
+    if abs(value) < ROUNDING:
+        return "0"
+    if not math.isfinite(value):
         return f"{value:g}"
     places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
     text = f"{value:.{places}f}"

@@ -10,6 +10,7 @@ import numpy as np
 from nas_data.errors import OptionError
 from nas_data.joint_units import JointUnit, group_by_kind
 
+NOTHING = 1 / 3  # noise floors; smaller errors are drawn at this value
 SERIES = "series.npz"
 
 
@@ -99,6 +100,13 @@ class Series:
     def by_joint(self, predicted: np.ndarray) -> np.ndarray:
         """Return the RMSE of each joint over the episodes [rad; m], shape (n,)."""
         return np.asarray(np.sqrt(self.squares(predicted).mean(0)))
+
+    def drawn_by_joint(self, predicted: np.ndarray) -> np.ndarray:
+        """Return the error of each joint for a logarithmic axis [rad; m], shape (n,).
+
+        Errors of a joint that never moved are rounding errors; they stand at a share of its floor.
+        """
+        return np.maximum(self.by_joint(predicted), NOTHING * self.floor)
 
     def by_episode(self, predicted: np.ndarray) -> np.ndarray:
         """Return the RMSE of each episode over the joints of the first kind, shape (E,)."""
