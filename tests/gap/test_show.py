@@ -15,7 +15,7 @@ from support.gap_samples import BACKLASH, DELAY, FIND, FLOOR, JOINTS, REPORT, RE
 from nas_data.errors import OptionError
 from nas_data.gap.report import GapReport
 from nas_data.gap.showing.figures import ABOVE, AFTER, BEFORE, RETUNED, draw_error_per_joint, select_models
-from nas_data.gap.showing.page_words import format_figures, format_value, format_with_si, join_items
+from nas_data.gap.showing.page_words import format_figures, format_value, format_with_si, join_items, list_effects
 from nas_data.gap.showing.series import Series
 from nas_data.gap.showing.show import show
 
@@ -208,6 +208,17 @@ def test_numbers_are_said_with_three_digits():
     assert format_with_si(0.8, "") == "0.800"
     assert join_items(["a", "b", "c"]) == "a, b and c"
     assert join_items(["a"]) == "a"
+    assert format_figures(1e-17) == "0", "a joint that never moved errs by rounding"
+
+
+def test_joints_of_one_effect_are_told_together(tmp_path):
+    effect = GapReport.load(written(tmp_path)).effects[0]
+    moved = [replace(effect, name="backlash", joint=joint) for joint in ("m3", "m6", "m1")]
+    assert list_effects(moved[:1]) == "backlash in m3"
+    assert list_effects([*moved, replace(moved[0], name="payload", joint=None)]) == (
+        "backlash in m3, m6 and m1; payload (whole arm)"
+    )
+    assert list_effects([moved[0], replace(moved[0], name="deadband")]) == "backlash in m3 and deadband in m3"
 
 
 def test_what_is_missing_is_named(tmp_path):

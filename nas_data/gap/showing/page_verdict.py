@@ -6,7 +6,7 @@ from typing import Literal
 
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_parts import GapErrors, Retuned, Unexplained
-from nas_data.gap.showing.page_words import LIKELY, format_effect_title, format_figures, format_value, join_items
+from nas_data.gap.showing.page_words import LIKELY, format_figures, format_value, join_items, list_effects
 
 
 def describe_verdict(report: GapReport) -> str:
@@ -106,12 +106,11 @@ def describe_model(report: GapReport) -> str:
 
 def describe_missing(report: GapReport) -> str:
     """Return the beginning of a sentence with the missing effects."""
-    effects = [format_effect_title(effect) for effect in report.effects]
     doubt = "probably " if min(effect.confidence for effect in report.effects) < LIKELY else ""
     part = "in part " if report.verdict == "partly_explained" else ""
-    added = "it" if len(effects) == 1 else "them"
+    added = "it" if len(report.effects) == 1 else "them"
     gap = f"The gap between {describe_model(report)} and the recording"
-    return f"{gap} {doubt}comes {part}from {join_items(effects)}: with {added},"
+    return f"{gap} {doubt}comes {part}from {list_effects(report.effects)}: with {added},"
 
 
 def describe_drop(report: GapReport) -> str:

@@ -68,6 +68,15 @@ def format_effect_title(effect: EffectName) -> str:
     return f"{as_words(effect.name)} in {effect.joint}" if effect.joint else f"{as_words(effect.name)} (whole arm)"
 
 
+def list_effects(effects: Sequence[NamedEffect]) -> str:
+    """Return effects as a phrase, the joints of one effect together: `speed limit in m2 and m3; backlash in m3`."""
+    joints: dict[str, list[str]] = {}
+    for effect in effects:
+        joints.setdefault(as_words(effect.name), []).append(effect.joint or "")
+    told = [f"{name} in {join_items(where)}" if where[0] else f"{name} (whole arm)" for name, where in joints.items()]
+    return join_items(told) if len(told) == len(effects) else "; ".join(told)
+
+
 def join_items(items: Sequence[str]) -> str:
     """Return items as a phrase."""
     return " and ".join([", ".join(items[:-1]), items[-1]] if len(items) > 1 else items)

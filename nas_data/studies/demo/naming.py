@@ -10,7 +10,7 @@ from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.gap.named import Named
-from nas_data.gap.showing.page_words import format_effect_title, join_items
+from nas_data.gap.showing.page_words import list_effects
 from nas_data.gap.summary import describe_errors, summarise
 from nas_data.gap.workflow import investigate
 from nas_data.gap.write_model import EFFECTS
@@ -33,13 +33,12 @@ def name_effects(demo: Demo) -> StageResult:
     recording, model = record_blind(demo), find_newest(demo, TRAIN) / SOURCE
     say = Calm(lambda line: demo.report(INDENT + textwrap.shorten(line, WIDTH, placeholder=" …")), PAUSE)
     report = investigate(recording, model, folder, say)
-    effects = [format_effect_title(effect) for effect in report.effects]
     content = report.to_json()
     return StageResult(
         summarise(report, folder).splitlines(),
         {key: content[key] for key in ("verdict", "effects", "retuned", "gap")},
         [
-            f"nas gap names: {join_items(effects) if effects else 'nothing'}",
+            f"nas gap names: {list_effects(report.effects) or 'nothing'}",
             f"Open-loop error on its own held-out episodes: {describe_errors(report.gap)}",
         ],
     )
