@@ -209,7 +209,6 @@ def test_servos_without_sync_read_are_read_one_by_one():
         ("overheat:servo=6", errors.ServoHot, r"Servo 6 \(m6\) shut down at 80 °C; let it cool"),
         ("bent:servo=1,radians=1.9", errors.OutsideLimits, "m1 stands at 109°, outside -90 … 90°; move it there"),
         ("lost_packet:share=1", errors.NobodyAnswers, "No servo answers on .*; switch the supply on"),
-        ("adapter_pulled", errors.AdapterLost, "vanished while it was used; plug the adapter in"),
     ],
 )
 def test_an_arm_that_cannot_be_used_is_refused_in_one_sentence(fault, error, words):
@@ -219,6 +218,15 @@ def test_an_arm_that_cannot_be_used_is_refused_in_one_sentence(fault, error, wor
         with pytest.raises(error, match=words):
             arm.check()
         assert time.monotonic() - began < BOUND
+        arm.close()
+
+
+def test_an_adapter_that_is_pulled_is_told():
+    with virtual() as bus:
+        arm = Xl320Arm(bus.port, JOINTS)
+        bus.inject("adapter_pulled")
+        with pytest.raises(errors.AdapterLost, match="vanished while it was used; plug the adapter in"):
+            arm.check()
         arm.close()
 
 
