@@ -12,7 +12,7 @@ from nas_data.effects.base import parse
 from nas_data.gap.name import name
 from nas_data.gap.problem import Problem
 from nas_data.gap.search.choose import choose, search_down, search_up
-from nas_data.gap.search.plain_fit import convert_to_effects, fit_plain
+from nas_data.gap.search.plain_fit import convert_to_effects, fit_plain, fit_smooth
 from nas_data.gap.search.search import Search
 
 VISCOUS, DRY = "viscous_friction:joint=j2,coefficient=0.03", "coulomb_friction:joint=j1,torque=0.03"
@@ -65,7 +65,7 @@ def test_a_plain_fit_recovers_how_much_of_the_weight_a_controller_carries():
 @pytest.mark.slow
 def test_gravity_compensation_that_the_model_lacks_is_named():
     found = begun(arm(), "gravity_compensation:share=0.7")
-    (effect,) = choose(found, fit_plain(found)).effects
+    (effect,) = choose(found, found.current_round, fit_smooth(found))[0].effects
     assert effect.name() == "gravity_compensation"
     assert effect.share == pytest.approx(0.7, abs=0.05)
 
@@ -75,9 +75,9 @@ def test_a_torque_limit_that_the_plain_fit_lowers_is_named():
     """A freed limit that nothing stood for explained what was missing, unnamed."""
     limited = arm().replace('kp="0.5"', 'kp="0.5" forcerange="-0.3 0.3"')
     found = begun(limited, "joint_offset:joint=j1,offset=0.08", "torque_limit:joint=j1,torque=0.12")
-    plain = fit_plain(found)
-    assert "torque_limit" in {effect.name() for effect in convert_to_effects(found, plain).effects}
-    kept = {effect.name(): effect for effect in choose(found, plain).effects}
+    first, smooth = found.current_round, fit_smooth(found)
+    assert "torque_limit" in {effect.name() for effect in convert_to_effects(found, smooth).effects}
+    kept = {effect.name(): effect for effect in choose(found, first, smooth)[0].effects}
     assert set(kept) == {"joint_offset", "torque_limit"}
     assert kept["torque_limit"].torque == pytest.approx(0.12, rel=0.03)
 
