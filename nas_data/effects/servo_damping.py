@@ -7,7 +7,7 @@ from typing import ClassVar
 import mujoco
 
 from nas_data.effects.base import Effect, Parameter, Scales
-from nas_data.effects.edits.servo import find_gain_servo, is_velocity_servo, read_servo_damping, scale_damping
+from nas_data.effects.edits.servo import find_position_servo, is_velocity_servo, read_servo_damping, scale_damping
 from nas_data.errors import ModelFileError
 
 
@@ -54,7 +54,7 @@ class ServoDamping(Effect):
         if is_velocity_servo(spec, self.joint):
             scale_damping(spec, self.joint, self.factor)
             return
-        actuator = find_gain_servo(spec, self.joint, self.name())
+        actuator = find_position_servo(spec, self.joint, self.name(), may_integrate=True)
         if read_servo_damping(spec, self.joint) <= 0:
             raise ModelFileError(
                 f"{self.name()} acts on a servo with velocity feedback; the actuator '{actuator.name}' of the joint "

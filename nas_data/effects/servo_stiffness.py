@@ -7,7 +7,7 @@ from typing import ClassVar
 import mujoco
 
 from nas_data.effects.base import Effect, Parameter, Scales
-from nas_data.effects.edits.servo import find_gain_servo, scale_stiffness
+from nas_data.effects.edits.servo import find_position_servo, scale_stiffness
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,5 +35,5 @@ class ServoStiffness(Effect):
             ModelFileError: the joint's actuator has no position feedback.
         """
         assert self.joint is not None
-        find_gain_servo(spec, self.joint, self.name())
+        find_position_servo(spec, self.joint, self.name(), may_integrate=True)
         scale_stiffness(spec, self.joint, self.factor)

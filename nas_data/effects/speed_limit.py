@@ -9,10 +9,10 @@ import mujoco
 
 from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.effects.edits.servo import (
-    control_per_speed,
+    compute_control_per_speed,
     find_position_servo,
+    find_speed_servo,
     read_position_feedback,
-    speed_servo,
     take_own_unit,
 )
 from nas_data.errors import ModelFileError
@@ -49,7 +49,7 @@ class SpeedLimit(Effect):
             ModelFileError: no servo drives the joint, or its command is filtered.
         """
         assert self.joint is not None
-        if (follower := speed_servo(spec, self.joint)) is not None:
+        if (follower := find_speed_servo(spec, self.joint)) is not None:
             self._limit_control(follower)
             return
         servo = find_position_servo(spec, self.joint, self.name())
@@ -68,7 +68,7 @@ class SpeedLimit(Effect):
 
     def _limit_control(self, servo: mujoco.MjsActuator) -> None:
         """Limit the control of a servo that is commanded a speed; a narrower range stays."""
-        most, is_pid = self.speed * abs(control_per_speed(servo)), servo.gaintype == mujoco.mjtGain.mjGAIN_PID
+        most, is_pid = self.speed * abs(compute_control_per_speed(servo)), servo.gaintype == mujoco.mjtGain.mjGAIN_PID
         low, high = servo.velrange if is_pid else servo.ctrlrange
         if low == high == 0 or (not is_pid and servo.ctrllimited == mujoco.mjtLimited.mjLIMITED_FALSE):
             low, high = -most, most

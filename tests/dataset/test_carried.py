@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.lerobot_samples import ARM, annotate, motions, speech, write_lerobot
+from support.lerobot_samples import annotate, enter_with_arm, motions, speech, write_lerobot
 
 from nas_data.cli import main
 from nas_data.dataset import layout
@@ -69,12 +69,7 @@ def recorded(tmp_path_factory) -> tuple[Path, Path]:
 
 @pytest.fixture
 def here(tmp_path, monkeypatch) -> Path:
-    import datasets.config
-
-    monkeypatch.setattr(datasets.config, "HF_DATASETS_CACHE", tmp_path / "cache")
-    monkeypatch.chdir(tmp_path)
-    Path("arm.xml").write_text(ARM)
-    return tmp_path
+    return enter_with_arm(tmp_path, monkeypatch)
 
 
 def run(*arguments: object) -> None:

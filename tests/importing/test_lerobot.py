@@ -16,6 +16,7 @@ from support.lerobot_samples import (
     JOINTS,
     RATE,
     SO101,
+    enter_with_arm,
     from_ticks,
     motions,
     stamp,
@@ -37,12 +38,7 @@ SERVO = 4096  # [ticks a turn]
 
 @pytest.fixture
 def here(tmp_path, monkeypatch) -> Path:
-    import datasets.config
-
-    monkeypatch.setattr(datasets.config, "HF_DATASETS_CACHE", tmp_path / "cache")
-    monkeypatch.chdir(tmp_path)
-    Path("arm.xml").write_text(ARM)
-    return tmp_path
+    return enter_with_arm(tmp_path, monkeypatch)
 
 
 def scaled(factor) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+import pytest
 
 RATE = 50  # [Hz]
 ARM = """<mujoco><compiler angle="radian" autolimits="true"/>
@@ -30,6 +31,16 @@ DEPTH = {"depth": "video", "near": "image"}  # cameras that measure depth
 LASTING = ("subtask", "plan", "memory", "motion", "task_aug")  # LeRobot's styles of what stays true
 MESSAGE = ("role", "content", "style", "timestamp", "camera", "tool_calls")
 SO101 = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+
+
+def enter_with_arm(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Work in a folder with `arm.xml` and a cache of its own."""
+    import datasets.config
+
+    monkeypatch.setattr(datasets.config, "HF_DATASETS_CACHE", folder / "cache")
+    monkeypatch.chdir(folder)
+    (folder / "arm.xml").write_text(ARM)
+    return folder
 
 
 def motions(episodes: int = 3, rows: int = 60) -> list[tuple[np.ndarray, np.ndarray]]:

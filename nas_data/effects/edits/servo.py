@@ -13,49 +13,32 @@ from nas_data.mjcf.actuator_lookup import BAND, DAMPING, GAIN, GOAL, PARTS, REST
 ALIKE = 1e-6  # relative tolerance within which a gain equals the feedback
 
 
-def find_position_servo(spec: mujoco.MjSpec, joint: str, effect: str) -> mujoco.MjsActuator:
+def find_position_servo(
+    spec: mujoco.MjSpec, joint: str, effect: str, may_integrate: bool = False
+) -> mujoco.MjsActuator:
     """Return the position servo of a joint.
 
     Args:
         spec: Model.
         joint: Name of the joint.
         effect: Name of the effect, for the error.
+        may_integrate: Whether a servo whose setpoint integrates a velocity command is one, too.
 
     Raises:
         JointMismatch: no actuator drives the joint.
-        ModelFileError: its actuator has no position feedback, or is not commanded a position.
+        ModelFileError: its actuator has no position feedback, or is commanded something else.
     """
     actuator = find_joint_actuator(spec, joint)
-    if read_position_feedback(actuator) <= 0 or not is_position_controlled(actuator):
+    if read_position_feedback(actuator) <= 0 or not (may_integrate or is_position_controlled(actuator)):
+        kinds = "<position>, <pid> or <intvelocity>" if may_integrate else "<position> or <pid>"
         raise ModelFileError(
-            f"{effect} acts on a position servo; the actuator '{actuator.name}' of the joint '{joint}' has no "
-            "position feedback: give a model whose actuators are <position> or <pid>."
+            f"{effect} acts on a position servo, and the actuator '{actuator.name}' of the joint '{joint}' is none: "
+            f"give a model whose actuators are {kinds}."
         )
     return actuator
 
 
-def find_gain_servo(spec: mujoco.MjSpec, joint: str, effect: str) -> mujoco.MjsActuator:
-    """Return the servo with position feedback of a joint: a position servo, or one that integrates a velocity.
-
-    Args:
-        spec: Model.
-        joint: Name of the joint.
-        effect: Name of the effect, for the error.
-
-    Raises:
-        JointMismatch: no actuator drives the joint.
-        ModelFileError: its actuator has no position feedback.
-    """
-    actuator = find_joint_actuator(spec, joint)
-    if read_position_feedback(actuator) <= 0:
-        raise ModelFileError(
-            f"{effect} acts on a servo with position feedback; the actuator '{actuator.name}' of the joint '{joint}' "
-            "has none: give a model whose actuators are <position>, <pid> or <intvelocity>."
-        )
-    return actuator
-
-
-def speed_servo(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsActuator | None:
+def find_speed_servo(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsActuator | None:
     """Return the actuator of a joint that is commanded a speed; None if it is commanded anything else."""
     actuator = find_joint_actuator(spec, joint)
     if read_position_feedback(actuator) > 0:
@@ -65,7 +48,7 @@ def speed_servo(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsActuator | None:
 
 def is_velocity_servo(spec: mujoco.MjSpec, joint: str) -> bool:
     """Whether a joint's actuator has velocity feedback only, and is commanded a speed."""
-    servo = speed_servo(spec, joint)
+    servo = find_speed_servo(spec, joint)
     return servo is not None and read_position_feedback(servo) <= 0 and read_servo_damping(spec, joint) > 0
 
 
@@ -83,7 +66,7 @@ def is_velocity_controlled(actuator: mujoco.MjsActuator) -> bool:
     return declared or math.isclose(gain, velocity_feedback, rel_tol=ALIKE)
 
 
-def control_per_speed(actuator: mujoco.MjsActuator) -> float:
+def compute_control_per_speed(actuator: mujoco.MjsActuator) -> float:
     """Return the control of an actuator that is commanded a speed, per speed of its joint [s/rad · unit of control]."""
     gain, gear = float(actuator.gainprm[0]), float(actuator.gear[0])
     if actuator.gaintype == mujoco.mjtGain.mjGAIN_PID:
