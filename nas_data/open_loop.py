@@ -1,13 +1,14 @@
 """Roll a source out over whole episodes, in batches."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import VELOCITY
+from nas_data.dataset.start_velocities import find_start_velocities
 from nas_data.pairing import check_fits, read_initial_states
 from nas_data.simulators.base import Simulator
+from nas_data.simulators.initial_states import START_SECONDS, InitialLoad, choose_initial_loads
 
 ROLLOUT_BATCH = 64
 SHORTEST = 0.8  # of the longest rollout in a batch of the source: what is padded is simulated, too, and thrown away
@@ -21,42 +22,49 @@ def roll_out_source(dataset: Dataset, simulator: Simulator) -> list[np.ndarray]:
 def roll_out_scene(dataset: Dataset, simulator: Simulator) -> list[np.ndarray]:
     """Do as `roll_out_source`, with the objects that the dataset has: a list of (T, 2n or 2n + m)."""
     check_fits(dataset, simulator)
-    initial = read_initial_states(dataset, simulator)
-    settled = roll_out_episodes(dataset, initial, simulator.rollout_settled)
-    if not has_setpoints(simulator):
-        return settled
-    fresh = roll_out_episodes(dataset, initial, simulator.rollout)
-    return min(settled, fresh, key=lambda states: compute_position_misfit(dataset, states))
+    initial, commands = read_initial_states(dataset, simulator), [dataset.commands[rows] for rows in dataset.episodes()]
+    loads = infer_initial_loads(dataset, simulator, initial) if simulator.remembers else None
+    return roll_out_episodes(simulator, initial, commands, loads)
+
+
+def infer_initial_loads(dataset: Dataset, simulator: Simulator, initial: np.ndarray) -> np.ndarray:
+    """Return the `InitialLoad` of each joint that explains the first second of each episode best, shape (E, n).
+
+    Args:
+        dataset: Episodes.
+        simulator: Source with unmeasured state, such as play or a setpoint.
+        initial: First state of each episode, shape (E, 2n or 2n + m).
+    """
+    n, rows = len(dataset.joints), max(1, round(START_SECONDS * dataset.fps))
+    begun = [slice(part.start, min(part.stop, part.start + rows)) for part in dataset.episodes()]
+    commands, measured = ([values[part] for part in begun] for values in (dataset.commands, dataset.next_states))
+    squares = np.empty((len(InitialLoad), dataset.n_episodes, n))
+    for load in InitialLoad:
+        rolled = roll_out_episodes(simulator, initial, commands, np.full((dataset.n_episodes, n), load))
+        for episode, (states, reached) in enumerate(zip(rolled, measured, strict=True)):
+            squares[load, episode] = np.square(states[:, :n] - reached[:, :n]).mean(0)
+    return choose_initial_loads(squares, find_start_velocities(dataset).noise)
 
 
 def roll_out_episodes(
-    dataset: Dataset, initial: np.ndarray, rollout: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    simulator: Simulator, initial: np.ndarray, commands: Sequence[np.ndarray], loads: np.ndarray | None
 ) -> list[np.ndarray]:
-    """Roll out every episode from its initial state (E, 2n or 2n + m); a list of (T, 2n or 2n + m)."""
-    result: list[np.ndarray] = [np.empty(0)] * dataset.n_episodes
-    for batch in group_by_length(dataset.lengths):
-        states = rollout(initial[batch], pad_commands(dataset, batch))
-        for row, episode in enumerate(batch):
-            result[episode] = states[row, : dataset.lengths[episode]]
-    return result
+    """Roll out every episode from its initial state; a list of (T, 2n or 2n + m).
 
-
-def has_setpoints(simulator: Simulator) -> bool:
-    """Whether velocity commands move setpoints, whose start is not measured.
-
-    They may start ahead of their joints, where the servos hold the arm's weight, or at them, as after a reset.
+    Args:
+        simulator: Source.
+        initial: First states, shape (E, 2n or 2n + m).
+        commands: Commands of each episode, shape (T, n).
+        loads: Initial load of each joint (an `InitialLoad`), shape (E, n); the arm's weight if None.
     """
-    return simulator.remembers and VELOCITY in simulator.kinds
-
-
-def compute_position_misfit(dataset: Dataset, states: Sequence[np.ndarray]) -> float:
-    """Return the sum over joints of the logarithms of their mean squared position errors."""
-    n = len(dataset.joints)
-    errors = (
-        np.concatenate(states)[:, :n]
-        - np.concatenate([dataset.next_states[rows] for rows in dataset.episodes()])[:, :n]
-    )
-    return float(np.log(np.square(errors).mean(0) + np.finfo(float).tiny).sum())
+    lengths = np.array([len(rows) for rows in commands])
+    result: list[np.ndarray] = [np.empty(0)] * len(commands)
+    for batch in group_by_length(lengths):
+        held = None if loads is None else loads[batch]
+        states = simulator.rollout_settled(initial[batch], stack_padded([commands[row] for row in batch]), held)
+        for row, episode in enumerate(batch):
+            result[episode] = states[row, : lengths[episode]]
+    return result
 
 
 def make_batches(lengths: np.ndarray, ordered: bool = True) -> list[list[int]]:
@@ -82,6 +90,10 @@ def group_by_length(lengths: np.ndarray) -> list[list[int]]:
 
 def pad_commands(dataset: Dataset, episodes: Sequence[int]) -> np.ndarray:
     """Return the commands of episodes, shorter ones padded by their last, shape (B, T, n), float64."""
-    longest = int(dataset.lengths[list(episodes)].max())
-    rows = [dataset.commands[dataset.episode(episode)] for episode in episodes]
-    return np.stack([np.pad(row, ((0, longest - len(row)), (0, 0)), mode="edge") for row in rows]).astype(float)
+    return stack_padded([dataset.commands[dataset.episode(episode)] for episode in episodes])
+
+
+def stack_padded(commands: Sequence[np.ndarray]) -> np.ndarray:
+    """Return commands (T, n) of several episodes, shorter ones padded by their last, shape (B, T, n), float64."""
+    longest = max(len(rows) for rows in commands)
+    return np.stack([np.pad(rows, ((0, longest - len(rows)), (0, 0)), mode="edge") for rows in commands]).astype(float)

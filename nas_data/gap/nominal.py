@@ -17,6 +17,7 @@ from nas_data.gap.side_by_side import is_sharing_cores
 from nas_data.mjcf.bake_inertia import bake_inertia
 from nas_data.mjcf.strip_meshes import count_colliding_geoms, needs_files, strip_meshes
 from nas_data.robots.base import Robot, find_robot, list_slide_joints
+from nas_data.simulators.initial_states import START_SECONDS, InitialLoad, choose_initial_loads
 from nas_data.simulators.lock_joints import lock_unmeasured_joints
 from nas_data.simulators.mujoco import MujocoSimulator
 
@@ -139,6 +140,29 @@ class Nominal:
             stepped = nominal.simulator().predict(states[rows], evidence.commands[rows], continues)
             predicted[rows] = stepped[:, : len(self.joints)]
         return predicted
+
+    def infer_initial_loads(
+        self, evidence: EpisodeBatch, effects: Sequence[Effect] = (), factors: Mapping[str, float] | None = None
+    ) -> EpisodeBatch:
+        """Return the episodes with the initial loads that explain their first second best; see `choose_initial_loads`.
+
+        A model without unmeasured state gets the weight of the arm everywhere.
+
+        Raises:
+            ModelFileError: the simulation diverges.
+        """
+        if not self.simulator(effects, factors).remembers:
+            return evidence.with_initial_loads(InitialLoad.GRAVITY)
+        early = evidence.first(max(1, round(START_SECONDS / evidence.period)))
+        rolled = [self.predict(early.with_initial_loads(load), effects, factors) for load in InitialLoad]
+        squares = np.stack([early.mean_squares(predicted) for predicted in rolled])
+        return evidence.with_initial_loads(choose_initial_loads(squares, evidence.noise))
+
+    def predict_from_inferred_start(
+        self, evidence: EpisodeBatch, effects: Sequence[Effect] = (), factors: Mapping[str, float] | None = None
+    ) -> np.ndarray:
+        """Return `predict` with the initial loads of `infer_initial_loads`, as `nas evaluate` does."""
+        return self.predict(self.infer_initial_loads(evidence, effects, factors), effects, factors)
 
     def group_by_gain(self, evidence: EpisodeBatch) -> Iterator[tuple["Nominal", np.ndarray]]:
         """Yield the model at each position gain of a recording, with the indices of its episodes."""

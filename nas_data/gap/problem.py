@@ -16,7 +16,6 @@ from nas_data.gap.gains import with_relative_gains
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.overlaps import Overlap, exclude_contacts, find_overlaps
 from nas_data.gap.search.objective import FitTask
-from nas_data.open_loop import has_setpoints
 from nas_data.pairing import check_fits, warn_of_ranges
 
 TRAIN_STEPS = 120_000  # most physics steps of one rollout of all training episodes, about 0.5 s
@@ -102,20 +101,10 @@ class Problem:
         )
         folder = root or Path("dataset")
         names = (folder.parent.name if folder.name.startswith("v") else folder.name, Path(model).name)
-        evidence = suit_setpoints(FitTask(nominal, evidence, floor)).evidence
-        fitted, judged = (suit_setpoints(FitTask(nominal, part, floor)) for part in (train, held))
+        fitted, judged = (FitTask(nominal, part, floor).infer_initial_loads((), {}) for part in (train, held))
         return cls(transitions, evidence, fitted, judged, as_given, tuple(overlaps.values()), names, model, root)
 
     def with_contacts(self) -> "Problem":
         """Return the problem with all contacts of the given model."""
         train, held = (replace(task, nominal=self.as_given) for task in (self.train, self.held))
         return replace(self, train=train, held=held)
-
-
-def suit_setpoints(task: FitTask) -> FitTask:
-    """Return the task with the initial loads at which the given model errs least in the first second.
-
-    Where velocity commands move a setpoint, it starts ahead of its joint if the arm had settled under its weight, and
-    at its joint after a reset. The offset between both stays for the whole episode, so that no model is scored without.
-    """
-    return task.estimate_initial_loads((), {}) if has_setpoints(task.nominal.simulator()) else task

@@ -8,16 +8,12 @@ import numpy as np
 
 from nas_data.effects.base import Effect, Scales
 from nas_data.errors import ModelFileError
-from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal, with_timestep
 from nas_data.gap.problem import Problem
 from nas_data.gap.search.final import FinalFit, fit_final
 from nas_data.gap.search.hypothesis import Description
-from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.scales import estimate_scales
 from nas_data.gap.write_model import MODEL, write_effects, write_model
-from nas_data.open_loop import has_setpoints
-from nas_data.simulators.initial_states import InitialLoad
 
 AS_GOOD = 1.5  # largest ratio of errors of the file over the effects on training episodes, floor included
 CLOSE = 1.1  # ratio below which no further size is tried
@@ -61,22 +57,21 @@ def score_model(problem: Problem, final: FinalFit, null: FinalFit, plain: FinalF
     If the file can express all effects, it holds them. Otherwise it holds the most similar effects; `after` is then
     predicted with the effects of `effects.json`, and the file's own error is reported beside it.
     """
-    task = replace(problem.train, fine=final.fine)
-    nominal, held = problem.held.nominal, assume_initial_loads(problem.held, task, final)
+    nominal, held = problem.held.nominal, problem.held.evidence
     effects, factors = final.effects, dict(final.factors)
-    named = with_timestep(nominal, task.timestep)
+    named = with_timestep(nominal, replace(problem.train, fine=final.fine).timestep)
     whole = all(effect.in_model for effect in effects)
     if whole:
-        write_model(folder, nominal, effects, factors, task.timestep)
+        write_model(folder, nominal, effects, factors, float(named.spec.option.timestep))
     else:
-        whole = write_nearest(problem, final, folder, assume_initial_loads(problem.train, task, final), named)
+        whole = write_nearest(problem, final, folder, named)
     write_effects(folder, effects, factors, whole, nominal.slides)
-    written = Nominal.load(folder / MODEL, held).predict(held)
+    written = Nominal.load(folder / MODEL, held).predict_from_inferred_start(held)
     return HeldOutResult(
-        before=problem.as_given.predict(held),
-        retuned=nominal.predict(held, (), null.factors),
+        before=problem.as_given.predict_from_inferred_start(held),
+        retuned=nominal.predict_from_inferred_start(held, (), null.factors),
         plain=predict_held(problem, plain),
-        after=written if whole else named.predict(held, effects, factors),
+        after=written if whole else named.predict_from_inferred_start(held, effects, factors),
         written=written,
         model=folder / MODEL,
         whole=whole,
@@ -85,23 +80,21 @@ def score_model(problem: Problem, final: FinalFit, null: FinalFit, plain: FinalF
 
 def predict_held(problem: Problem, final: FinalFit) -> np.ndarray:
     """Return a hypothesis' predictions of the held-out episodes at its timestep [rad; m], shape (E, T, n)."""
-    task = replace(problem.train, fine=final.fine)
-    nominal = with_timestep(problem.held.nominal, task.timestep)
-    held = assume_initial_loads(problem.held, task, final)
-    return nominal.predict(held, final.effects, dict(final.factors))
+    nominal = with_timestep(problem.held.nominal, replace(problem.train, fine=final.fine).timestep)
+    return nominal.predict_from_inferred_start(problem.held.evidence, final.effects, dict(final.factors))
 
 
-def write_nearest(problem: Problem, final: FinalFit, folder: Path, fitted: EpisodeBatch, named: Nominal) -> bool:
+def write_nearest(problem: Problem, final: FinalFit, folder: Path, named: Nominal) -> bool:
     """Write the model file most similar to effects with hooks; return whether it is equivalent.
 
     Args:
         problem: Recording and model.
         final: Effects and factors.
         folder: Output folder.
-        fitted: Training episodes, for the comparison.
         named: Model without effects at the timestep to be written.
     """
     floor, factors = problem.train.floor, dict(final.factors)
+    fitted = named.infer_initial_loads(problem.train.evidence, final.effects, factors)
     reached = (floor**2 + fitted.mean_squares(named.predict(fitted, final.effects, factors))).mean(0)
 
     def write(effects: Sequence[Effect], factors: dict[str, float]) -> None:
@@ -140,33 +133,6 @@ def generate_written_forms(problem: Problem, final: FinalFit) -> Iterator[list[E
         known = [form for form in forms if form is not None]
         if len(known) == len(forms):
             yield known
-
-
-def assume_initial_loads(part: FitTask, task: FitTask, final: FinalFit) -> EpisodeBatch:
-    """Return the episodes of a part with initial loads that suit a final fit.
-
-    The setpoint of a servo that is commanded a velocity has no start that suits all episodes: each has its own.
-    """
-    if has_setpoints(task.nominal.simulator()):
-        return part.estimate_initial_loads(final.effects, dict(final.factors)).evidence
-    return part.evidence.with_initial_loads(choose_initial_load(task, final))
-
-
-def choose_initial_load(task: FitTask, final: FinalFit) -> InitialLoad:
-    """Return the initial load, gravity or none, with the lower misfit over all episodes.
-
-    Only effects with hidden states, such as play, make a difference.
-    """
-    effects, factors = final.effects, dict(final.factors)
-    if not task.nominal.simulator(effects, factors).remembers:
-        return InitialLoad.GRAVITY
-    task = task.estimate_initial_loads(effects, factors).correct_timestep(effects, factors)
-
-    def misfit(load: InitialLoad) -> float:
-        predicted = task.rollout_model.predict(task.evidence.with_initial_loads(load), effects, factors)
-        return task.misfit(predicted + task.correction)
-
-    return min((InitialLoad.GRAVITY, InitialLoad.UNLOADED), key=misfit)
 
 
 def fit_model_effects(problem: Problem, final: FinalFit) -> FinalFit:

@@ -111,8 +111,16 @@ class Simulator(Protocol):
             States after each command, shape (B, T, 2n), or (B, T, 2n + m), float64.
         """
 
-    def rollout_settled(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
-        """Do as `rollout`, with play and springs initially settled under the arm's weight."""
+    def rollout_settled(
+        self, initial: np.ndarray, commands: np.ndarray, initial_loads: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Do as `rollout`, with play, springs and setpoints initially settled under a load.
+
+        Args:
+            initial: As for `rollout`.
+            commands: As for `rollout`.
+            initial_loads: Initial load of each joint (an `InitialLoad`), shape (B, n); the arm's weight if None.
+        """
 
     def stepper(self, size: int) -> Stepper:
         """Return a batch of simulations for closed loops."""

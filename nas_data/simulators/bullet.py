@@ -79,7 +79,9 @@ class BulletSimulator:
         self.compiled.check(initial, commands)
         return self._roll(initial, commands)
 
-    def rollout_settled(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
+    def rollout_settled(
+        self, initial: np.ndarray, commands: np.ndarray, initial_loads: np.ndarray | None = None
+    ) -> np.ndarray:
         """Do as `rollout`: initial settling is not supported on this engine."""
         return self.rollout(initial, commands)
 

@@ -12,6 +12,8 @@ from nas_data.simulators.layout import Layout
 from nas_data.simulators.rest_states import has_memory, settle_actuator
 
 INTEGRATOR = int(mujoco.mjtDyn.mjDYN_INTEGRATOR)
+START_SECONDS = 1.0  # [s] of an episode from which its initial loads are inferred
+GRAVITY_ADVANTAGE = 0.8  # factor on the mean squared error of the initial load `GRAVITY`, the most likely one
 WEIGHTLESS = 1e-4  # [N m] largest load that does not push play to one side
 
 
@@ -22,6 +24,20 @@ class InitialLoad(IntEnum):
     UNLOADED = 1  # no load
     MINUS_FRICTION = 2  # the gravity torque minus dry friction
     PLUS_FRICTION = 3  # the gravity torque plus dry friction
+
+
+def choose_initial_loads(squares: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Return the initial load of each joint and episode that explains the first second best, shape (E, n).
+
+    The share of gravity that friction holds, the side on which play lies and the place of a setpoint are not measured.
+
+    Args:
+        squares: Mean squared position errors in the first `START_SECONDS` [rad²; m²], shape (number of loads, E, n).
+        noise: Standard deviation of the position readings [rad; m], shape (n,).
+    """
+    expected = squares + noise**2
+    expected[InitialLoad.GRAVITY] *= GRAVITY_ADVANTAGE
+    return np.asarray(expected.argmin(0))
 
 
 @dataclass(frozen=True)

@@ -178,9 +178,12 @@ class MujocoSimulator:
         ]
         return np.concatenate(parts) if parts else np.empty((0, commands.shape[1], initial.shape[1]))
 
-    def rollout_settled(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
-        """Simulate whole episodes of an arm that starts settled under its weight; see `Simulator.rollout_settled`."""
-        return self.rollout(initial, commands, np.full(commands.shape[::2], InitialLoad.GRAVITY))
+    def rollout_settled(
+        self, initial: np.ndarray, commands: np.ndarray, initial_loads: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Simulate whole episodes of an arm that starts settled under a load; see `Simulator.rollout_settled`."""
+        loads = np.full(commands.shape[::2], InitialLoad.GRAVITY) if initial_loads is None else initial_loads
+        return self.rollout(initial, commands, loads)
 
     def stepper(self, size: int) -> MujocoStepper:
         """Return a batch of simulations for closed loops, on one thread (more threads pay off only beyond 64)."""

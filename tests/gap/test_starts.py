@@ -8,20 +8,22 @@ import numpy as np
 import pytest
 from support.evidence_samples import QUANTUM, commanded
 
+import nas_data as nas
 from nas_data.dataset.features import ENVIRONMENT
 from nas_data.effects.base import Effect, parse
 from nas_data.envs.base import find_task
 from nas_data.gap.episode_batch import EpisodeBatch, cut_window
+from nas_data.gap.finding.find import find
 from nas_data.gap.finding.joint_gaps import find_joint_gaps
 from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
-from nas_data.gap.score_model import choose_initial_load
-from nas_data.gap.search.final import FinalFit
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.write_model import write_model
+from nas_data.models.evaluation import evaluate
 from nas_data.recorders.recipe import Recipe
 from nas_data.simulators.initial_states import InitialLoad
+from nas_data.simulators.mujoco import MujocoSimulator
 from nas_data.studies.experiments.pipeline.sizes import RECORDINGS
 
 FLOOR = np.full(6, QUANTUM / np.sqrt(12))
@@ -44,7 +46,7 @@ def played(effect: Effect, hold: InitialLoad) -> tuple[Nominal, EpisodeBatch]:
 def test_the_start_is_told_by_the_first_second(text: str, hold: InitialLoad):
     effect = parse(text)
     nominal, evidence = played(effect, hold)
-    told = FitTask(nominal, evidence, FLOOR).estimate_initial_loads([effect], {})
+    told = FitTask(nominal, evidence, FLOOR).infer_initial_loads([effect], {})
     assumed = np.sqrt(evidence.mean_squares(nominal.predict(evidence, [effect])))[:, 1] / FLOOR[1]
     rest = np.sqrt(told.evidence.mean_squares(nominal.predict(told.evidence, [effect])))[:, 1] / FLOOR[1]
     assert np.all(rest < 1.5)
@@ -56,17 +58,27 @@ def test_a_model_without_memory_has_one_start():
     nominal, evidence = played(effect, InitialLoad.UNLOADED)
     task = FitTask(nominal, evidence, FLOOR)
     assert not nominal.simulator([effect]).remembers
-    assert (task.estimate_initial_loads([effect], {}).evidence.initial_loads == InitialLoad.GRAVITY).all()
+    assert (task.infer_initial_loads([effect], {}).evidence.initial_loads == InitialLoad.GRAVITY).all()
     positions = [nominal.predict(evidence.with_initial_loads(hold), [effect]) for hold in InitialLoad]
     assert all(np.array_equal(positions[0], other) for other in positions)
 
 
 @pytest.mark.parametrize("hold", [InitialLoad.GRAVITY, InitialLoad.UNLOADED])
-def test_how_all_episodes_began_is_told_by_the_fitted_ones(hold: InitialLoad):
+def test_gap_find_and_evaluate_begin_alike(hold: InitialLoad, tmp_path: Path):
     effect = parse("joint_compliance:joint=m2,stiffness=0.8")
     nominal, evidence = played(effect, hold)
-    task = FitTask(nominal, evidence, FLOOR)
-    assert choose_initial_load(task, FinalFit((effect,), {}, ())) == hold
+    path, _ = write_model(tmp_path, nominal, [effect], {}, timestep=float(nominal.spec.option.timestep))
+    positions = [np.vstack(rows) for rows in zip(evidence.initial_positions, evidence.measured, strict=True)]
+    dataset = nas.Dataset.from_arrays(
+        positions, list(evidence.commands), rate=1 / evidence.period, joints=evidence.joints
+    )
+    problem = Problem.of(dataset, path, tmp_path)
+    found = find(dataset, problem.evidence, problem.as_given, problem.train.floor)
+    simulator = MujocoSimulator.load(path, evidence.period, evidence.joints)
+    judged = evaluate(dataset, simulator, None).open_loop["source"]
+    gaps = np.array([found.joints[joint].open_loop for joint in evidence.joints])
+    np.testing.assert_allclose(gaps, np.sqrt(judged.squared[:, :6].mean(0)), rtol=0.02)
+    assert gaps[1] < 2 * FLOOR[1], "neither is right"
 
 
 # Scenes
@@ -83,7 +95,7 @@ def scene(name: str, dynamics: str = "backlash") -> Problem:
 def errors(problem: Problem, evidence: EpisodeBatch, effects: tuple[Effect, ...]) -> np.ndarray:
     """Root mean squared error of each joint [rad], episodes begun as their first second tells, shape (n,)."""
     nominal = problem.train.nominal
-    begun = FitTask(nominal, evidence, problem.train.floor).estimate_initial_loads(effects, {}).evidence
+    begun = FitTask(nominal, evidence, problem.train.floor).infer_initial_loads(effects, {}).evidence
     return np.sqrt(begun.mean_squares(nominal.predict(begun, effects)).mean(axis=0))
 
 

@@ -134,7 +134,9 @@ def test_the_source_is_rolled_out_without_much_padding_and_to_the_same_bits(monk
     dataset, simulator, rows = without(paired_pendulum((3, 40, 1, 25, 38, 17))), pendulum(), []
     roll = simulator.rollout_settled
     monkeypatch.setattr(
-        simulator, "rollout_settled", lambda first, commands: rows.append(commands.shape) or roll(first, commands)
+        simulator,
+        "rollout_settled",
+        lambda first, commands, loads: rows.append(commands.shape) or roll(first, commands, loads),
     )
     together = open_loop.roll_out_source(dataset, simulator)
     assert sum(size * steps for size, steps, _ in rows) == dataset.lengths.sum() + 2  # 40 and 38 are one batch

@@ -95,7 +95,9 @@ class LinearSimulator:
             after.append(states)
         return np.stack(after, axis=1)
 
-    def rollout_settled(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
+    def rollout_settled(
+        self, initial: np.ndarray, commands: np.ndarray, initial_loads: np.ndarray | None = None
+    ) -> np.ndarray:
         return self.rollout(initial, commands)
 
     def stepper(self, size: int) -> LinearStepper:

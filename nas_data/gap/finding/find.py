@@ -46,6 +46,7 @@ def find(
         evidence = select_episodes(
             EpisodeBatch.of(powered).with_objects(powered, nominal.simulator()), evidence.numbers
         )
+    evidence = nominal.infer_initial_loads(evidence)
     recorded = RecordedRows.of(powered, evidence)
     predicted = nominal.predict(evidence)
     loads = find_loads(nominal, recorded)

@@ -12,10 +12,7 @@ from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.integrator import find_whole_step
 from nas_data.gap.nominal import Nominal, find_fine_timestep, with_timestep
 from nas_data.gap.search.parameters import FreeParameters
-from nas_data.simulators.initial_states import InitialLoad
 
-START_SECONDS = 1.0  # [s] of an episode from which its initial loads are estimated
-GRAVITY_ADVANTAGE = 0.8  # factor on the mean squared error of the initial load `GRAVITY`, the most likely one
 TOLERATED_SHARE = 0.1  # share of a joint's present error that is added to its tolerance
 CORRELATION = 0.15  # [s] correlation time of a rollout's errors; its rows count as one observation
 MULTIPLES = (4, 2)  # multiples of the model's timestep for rollouts of a search, tried in this order
@@ -132,28 +129,15 @@ class FitTask:
     def reestimate(self, parameters: FreeParameters, theta: np.ndarray) -> "FitTask":
         """Return the task with initial states and timestep correction estimated anew, as a new objective."""
         effects, factors = parameters.effects_at(theta), parameters.factors_at(theta)
-        task = self.estimate_initial_loads(effects, factors).estimate_initial_velocities(effects, factors)
+        task = self.infer_initial_loads(effects, factors).estimate_initial_velocities(effects, factors)
         return task.correct_timestep(effects, factors).with_new_objective()
 
-    def estimate_initial_loads(self, effects: Sequence[Effect], factors: dict[str, float]) -> "FitTask":
-        """Return the task with the initial load of each joint and episode that explains the first second best.
-
-        The share of gravity that friction holds and the side on which play lies are not measured. They are estimated
-        only for a hypothesis with such hidden states.
-        """
-        evidence = self.evidence
-        early = evidence.first(max(1, round(START_SECONDS / evidence.period)))
+    def infer_initial_loads(self, effects: Sequence[Effect], factors: dict[str, float]) -> "FitTask":
+        """Return the task with initial loads inferred for a hypothesis; see `Nominal.infer_initial_loads`."""
         try:
-            if not self.nominal.simulator(effects, factors).remembers:
-                return replace(self, evidence=evidence.with_initial_loads(InitialLoad.GRAVITY))
-            rolled = [
-                self.rollout_model.predict(early.with_initial_loads(load), effects, factors) for load in InitialLoad
-            ]
+            return replace(self, evidence=self.rollout_model.infer_initial_loads(self.evidence, effects, factors))
         except ModelFileError:
             return self
-        squares = np.stack([early.mean_squares(predicted) for predicted in rolled]) + self.floor**2
-        squares[InitialLoad.GRAVITY] *= GRAVITY_ADVANTAGE
-        return replace(self, evidence=evidence.with_initial_loads(squares.argmin(0)))
 
     def estimate_initial_velocities(self, effects: Sequence[Effect], factors: dict[str, float]) -> "FitTask":
         """Return the task with initial velocities moved, within their uncertainty, towards the motion.
