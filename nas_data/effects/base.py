@@ -60,6 +60,8 @@ class Scales:
         speed: Large speed of the joint [rad/s].
         radian: Equivalent of one radian: 1 for a hinge, a share of the range for a slide [m].
         velocity_servo: Whether the actuator is a servo with velocity feedback only.
+        depth: Depth of the arm's lowest measured point below the first joint's axis [m]; 0 without collision shapes.
+        commanded_depth: The same in the commanded poses; 0 where positions are not commanded.
     """
 
     stiffness: float
@@ -70,6 +72,8 @@ class Scales:
     speed: float
     radian: float = 1.0
     velocity_servo: bool = False
+    depth: float = 0.0
+    commanded_depth: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

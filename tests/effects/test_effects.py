@@ -3,6 +3,7 @@
 import functools
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import mujoco
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.simulator_samples import damped_ergojr
+from support.simulator_samples import damped_ergojr, so101_without_floor
 from support.typical_effects import JOINT, NAMES, OF_OBJECTS, TYPICAL, typical
 
 from nas_data.effects.base import Effect, add_effects, find_effect, from_json, make_effect, parse, read_effects
@@ -29,7 +30,8 @@ def neutral(name: str) -> Effect:
 
 def scene(name: str) -> str:
     """Where an effect can act."""
-    return str(TABLE) if name in OF_OBJECTS else str(damped_ergojr()) if name == "servo_damping" else "ergojr"
+    special = {"servo_damping": damped_ergojr, "floor_contact": so101_without_floor}
+    return str(TABLE) if name in OF_OBJECTS else str(special.get(name, lambda: "ergojr")())
 
 
 def arm(*effects: Effect, model: str | None = None) -> MujocoSimulator:
@@ -119,7 +121,7 @@ def test_joints_and_actuators_keep_their_names_and_order(name):
     assert {f"{joint}.pos" for joint in servos} <= {model.sensor(i).name for i in range(model.nsensor)}
 
 
-def plain_mujoco(xml: str, commands: np.ndarray, substeps: int) -> np.ndarray:
+def plain_mujoco(xml: str, joints: Sequence[str], commands: np.ndarray, substeps: int) -> np.ndarray:
     """Play commands as anyone would who has the file and MuJoCo alone: at rest, first command held."""
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
@@ -127,7 +129,7 @@ def plain_mujoco(xml: str, commands: np.ndarray, substeps: int) -> np.ndarray:
         samples = int(model.actuator_history[actuator, 0])
         if samples:
             mujoco.mj_initCtrlHistory(model, data, actuator, None, np.zeros((samples, 1)))
-    sensors = [model.sensor(f"m{joint + 1}.pos").adr[0] for joint in range(commands.shape[1])]
+    sensors = [model.sensor(f"{joint}.pos").adr[0] for joint in joints]
     measured = []
     for command in commands:
         data.ctrl[:] = command
@@ -145,7 +147,7 @@ def test_the_exported_file_behaves_the_same_in_plain_mujoco(name):
     spec.option.timestep = simulator.model.opt.timestep
     add_effects(spec, [typical(name)])
     commands = random_holds(seed=1, holds=3, joints=len(simulator.joints))
-    measured = plain_mujoco(spec.to_xml(), commands[0], simulator.substeps)
+    measured = plain_mujoco(spec.to_xml(), simulator.joints, commands[0], simulator.substeps)
     difference = np.abs(measured - positions(rollout(simulator, commands))[0]).max()
     # the file keeps six digits; contacts and stops amplify what is lost
     assert (difference < math.radians(0.1)) == typical(name).in_model
@@ -324,6 +326,7 @@ def test_no_effect_fails_but_with_a_sentence(name):
             "speed_limit": "filters its command already",
             "object_mass": "has none",
             "object_friction": "has none",
+            "floor_contact": "needs an arm with collision shapes",
         }
         assert reasons[name] in str(error)
     else:

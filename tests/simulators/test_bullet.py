@@ -135,7 +135,7 @@ SIZES = (
     "base_tilt:roll=0.2,pitch=0.1",
     "gravity_compensation:share=0.5",
 )
-ELSEWHERE = {*OF_OBJECTS, "servo_damping"}  # the arm has no objects and no velocity gains
+ELSEWHERE = {*OF_OBJECTS, "servo_damping", "floor_contact"}  # the arm has no objects, velocity gains and shapes
 SIZED = [parse(text) for text in SIZES]
 EFFECTS = SIZED + [typical(name) for name in NAMES if name not in ELSEWHERE | {effect.name() for effect in SIZED}]
 

@@ -26,6 +26,17 @@ def damped_ergojr() -> Path:
     return path
 
 
+@cache
+def so101_without_floor() -> Path:
+    """The SO-101 of the package, which can reach below its base."""
+    spec = find_robot("so101_follower").spec()
+    spec.delete(spec.geom("floor"))
+    path = Path(tempfile.mkdtemp()) / "so101.xml"
+    spec.compile()
+    path.write_text(spec.to_xml(), encoding="utf-8")
+    return path
+
+
 # an arm that falls onto the floor and pushes a free ball
 CONTACTS = """
 <mujoco>

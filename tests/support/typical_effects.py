@@ -5,6 +5,7 @@ from nas_data.effects.base import Effect, find_effect, make_effect
 
 NAMES = registry.list_names("effects")
 OF_OBJECTS = {"object_mass", "object_friction"}
+ON_ANY_ARM = [name for name in NAMES if name != "floor_contact"]  # the others need no collision shapes
 JOINT = "m3"
 # a size of each parameter that is typical of a hobby servo
 TYPICAL = {
@@ -31,6 +32,7 @@ TYPICAL = {
     ("base_tilt", "roll"): 0.1,
     ("base_tilt", "pitch"): 0.1,
     ("gravity_compensation", "share"): 0.5,
+    ("floor_contact", "depth"): 0.1,
     ("object_mass", "factor"): 4.0,
     ("object_friction", "factor"): 4.0,
 }

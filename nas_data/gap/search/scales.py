@@ -1,5 +1,7 @@
 """Scales of joints, from which initial guesses of an effect's parameters are made."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 
@@ -9,8 +11,11 @@ from nas_data.effects.edits.servo import is_velocity_servo, read_servo_damping, 
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal
 from nas_data.joint_units import compute_angle_scales
+from nas_data.mjcf.lowest_point import find_arm_geoms, find_first_anchor, find_lowest_point
 from nas_data.robots.base import find_deepest_joint
 from nas_data.simulators.controls import find_command, read_length_feedback
+
+POSES = 2_000  # most poses in which the arm's lowest point is sought
 
 
 def estimate_scales(nominal: Nominal, evidence: EpisodeBatch, predicted: np.ndarray) -> tuple[Scales, ...]:
@@ -25,9 +30,40 @@ def estimate_scales(nominal: Nominal, evidence: EpisodeBatch, predicted: np.ndar
     moved = {p.joint: p.bodies for p in nominal.base if p.kind == "mass"}
     outermost = moved[find_deepest_joint(nominal.spec, tuple(moved))] if moved else ()
     last = sum(float(nominal.spec.body(name).mass) for name in outermost) or 0.01
+    measured, commanded = measure_depths(nominal, evidence)
     return tuple(
-        estimate_joint_scales(nominal, model, evidence, predicted, index, last) for index in range(len(nominal.joints))
+        replace(
+            estimate_joint_scales(nominal, model, evidence, predicted, index, last),
+            depth=measured,
+            commanded_depth=commanded,
+        )
+        for index in range(len(nominal.joints))
     )
+
+
+def measure_depths(nominal: Nominal, evidence: EpisodeBatch) -> tuple[float, float]:
+    """Return how far the arm reaches below its first joint's axis in measured and in commanded poses [m].
+
+    Both are 0 without collision shapes, and where a joint is not commanded a position.
+    """
+    simulator = nominal.simulator()
+    model, layout, data = simulator.model, simulator.layout, mujoco.MjData(simulator.model)
+    geoms = find_arm_geoms(model)
+    if not geoms or set(simulator.kinds) != {POSITION}:
+        return 0.0, 0.0
+    rows = np.argwhere(evidence.mask)
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, POSES).round().astype(int))]
+    top, found = float(find_first_anchor(model)[2]), []
+    for poses in (evidence.measured, evidence.commands):
+        lowest = np.inf
+        for pose in poses[tuple(rows.T)]:
+            data.qpos[layout.qpos] = pose
+            if layout.followers is not None:
+                layout.followers.place(data.qpos[None], data.qvel[None])
+            mujoco.mj_kinematics(model, data)
+            lowest = min(lowest, find_lowest_point(model, data, geoms))
+        found.append(top - lowest)
+    return found[0], found[1]
 
 
 def estimate_joint_scales(

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Container, Hashable, Iterator, Mapping, MutableMapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,10 +41,17 @@ class Candidate:
         return self.effect.name(), self.effect.joint
 
 
+def average_scales(sizes: Sequence[Scales]) -> Scales:
+    """Return the mean scales of all joints, for effects of the whole arm."""
+    numbers = [name for name in Scales.__dataclass_fields__ if name != "velocity_servo"]
+    return replace(
+        sizes[0], velocity_servo=False, **{name: np.mean([getattr(s, name) for s in sizes]) for name in numbers}
+    )
+
+
 def generate_candidates(joints: Sequence[str], sizes: Sequence[Scales]) -> Iterator[Effect]:
     """Yield every effect of the catalogue at every joint and initial guess."""
-    numbers = [name for name in Scales.__dataclass_fields__ if name != "velocity_servo"]
-    mean = Scales(*np.mean([[float(getattr(size, name)) for name in numbers] for size in sizes], axis=0))
+    mean = average_scales(sizes)
     for name in registry.list_names("effects"):
         kind = find_effect(name)
         places: list[tuple[str | None, Scales]] = [*zip(joints, sizes, strict=True)] if kind.per_joint else []
@@ -83,7 +90,7 @@ def screen(
         and (effect.joint is None or effect.joint in joints)
         and (names is None or effect.name() in names)
     ]
-    by_joint = dict(zip(task.nominal.joints, sizes, strict=True))
+    by_joint = {None: average_scales(sizes)} | dict(zip(task.nominal.joints, sizes, strict=True))
     identities = {effect: (effect, round_local_parameters(state, effect)) for effect in wanted}
     unknown = [effect for effect in wanted if identities[effect] not in changes]
 
@@ -92,9 +99,7 @@ def screen(
             changes[identities[effect]] = change
 
     def estimated(effect: Effect) -> Candidate | None:
-        vanishing_value = (
-            effect.vanishing_value(by_joint[effect.joint]) if effect.joint else effect.parameters[0].neutral
-        )
+        vanishing_value = effect.vanishing_value(by_joint[effect.joint])
         if identities[effect] not in changes:
             return None
         return estimate_first_order(task, state, effect, vanishing_value, changes[identities[effect]])

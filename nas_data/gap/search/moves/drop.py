@@ -11,6 +11,7 @@ from nas_data.gap.search.fit import MAX_STEP, build_normal_equations
 from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, compute_effect_price, effect_key
 from nas_data.gap.search.parameters import SIGNED_SCALE, FreeParameters
 from nas_data.gap.search.plain_fit import EFFECT_OF_PARAMETER, convert_to_factor
+from nas_data.gap.search.screen import average_scales
 from nas_data.gap.search.search import FAR_BEHIND, Search
 from nas_data.gap.side_by_side import map_in_parallel
 
@@ -169,13 +170,16 @@ def compute_removal_step(search: Search, parameters: FreeParameters, theta: np.n
     """Return the change of a parameter that removes its effect, to first order in the effect's size.
 
     An amount v = v₀ exp(θ) vanishes with Δθ = −1; a factor f returns to 1 with Δθ = −log f. A limit returns to the
-    model's own. If that is infinite, its derivative is that of its inverse, so Δθ = 1.
+    model's own, a floor to where it is not touched. If that is infinite, its derivative is that of its inverse, so
+    Δθ = 1.
     """
     free = parameters.effect_parameters[column]
     value, neutral = free.value(float(theta[column])), free.parameter.neutral
     effect = parameters.effects[free.effect_indices[0]]
     if np.isinf(neutral) and effect.joint is not None and effect.name() in EFFECT_OF_PARAMETER:
         neutral = read_own_value(search.train.nominal.spec, effect.joint, EFFECT_OF_PARAMETER[effect.name()][0])
+    if np.isinf(neutral) and effect.joint is None:
+        neutral = effect.vanishing_value(average_scales(search.scales))
     if free.signed:
         return (neutral - value) / SIGNED_SCALE
     if np.isinf(neutral):

@@ -1,0 +1,82 @@
+"""A floor or table that the arm touches and the model lacks."""
+
+import mujoco
+import numpy as np
+import pytest
+
+import nas_data as nas
+from nas_data.effects.base import parse
+from nas_data.errors import ModelFileError
+from nas_data.mjcf.lowest_point import find_arm_geoms, find_first_anchor, find_lowest_point
+
+# the first joint's axis is 0.25 m above the ground
+ARM = """<mujoco><compiler angle="radian" autolimits="true"/><option timestep="0.002" integrator="implicitfast"/>
+<worldbody>{}<body pos="0 0 .25"><joint name="lift" axis="0 1 0" range="-2 2" damping=".05" armature=".01"/>
+<geom type="capsule" fromto="0 0 0 .2 0 0" size=".015" mass=".15"/><body pos=".2 0 0">
+<joint name="elbow" axis="0 1 0" range="-2.5 2.5" damping=".03" armature=".006"/>
+<geom type="box" pos=".08 0 0" size=".08 .02 .01" mass=".1"/></body></body></worldbody><actuator>
+<position name="lift" joint="lift" kp="12" kv=".4"/><position name="elbow" joint="elbow" kp="8" kv=".2"/></actuator>
+</mujoco>"""
+RATE, ROWS, EPISODES, NOISE = 50, 200, 5, 3e-4
+
+
+def record(floor: str) -> nas.Dataset:
+    """Record an arm on a floor by a loop of its own."""
+    model, rng = mujoco.MjModel.from_xml_string(ARM.format(floor)), np.random.default_rng(0)
+    positions, commands = [], []
+    times = np.arange(ROWS)[:, None] / RATE
+    for _ in range(EPISODES):
+        data = mujoco.MjData(model)
+        speeds, phases = rng.uniform(1.0, 4.0, (3, 2)), rng.uniform(0, 2 * np.pi, (3, 2))
+        asked = sum(np.sin(times * speed + phase) - np.sin(phase) for speed, phase in zip(speeds, phases, strict=True))
+        asked = np.clip(asked * [0.35, 0.5] + [0.3, 0.3] * np.minimum(times / 0.5, 1), -1.2, 1.2)
+        asked[:5] = 0.0
+        data.ctrl[:] = asked[0]
+        mujoco.mj_step(model, data, 500)
+        rows = [data.qpos.copy()]
+        for command in asked:
+            data.ctrl[:] = command
+            mujoco.mj_step(model, data, 10)
+            rows.append(data.qpos.copy())
+        positions.append(np.array(rows) + rng.normal(0, NOISE, (ROWS + 1, 2)))
+        commands.append(asked)
+    return nas.Dataset.from_arrays(positions, commands, rate=RATE, joints=("lift", "elbow"))
+
+
+@pytest.mark.parametrize("height", [None, 0.08])
+def test_a_floor_is_named_where_there_is_one(height: float | None, tmp_path):
+    floor = f'<geom type="plane" size="1 1 .1" pos="0 0 {height}" solref=".01 1"/>' if height is not None else ""
+    (tmp_path / "arm.xml").write_text(ARM.format(""))
+    report = nas.identify(record(floor), model=tmp_path / "arm.xml")
+    if height is None:
+        assert report.effects == ()
+        return
+    (found,) = report.effects
+    assert (found.name, found.joint) == ("floor_contact", None)
+    assert found.parameters["depth"].value == pytest.approx(0.25 - height, abs=0.002)
+    assert found.confidence > 0.6
+
+
+@pytest.mark.parametrize("shape", ["sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh"])
+def test_the_lowest_point_of_a_shape_is_where_a_plane_first_touches(shape: str):
+    vertices = "0 0 0  .1 0 0  0 .07 0  0 0 .05  .03 .04 .06"
+    geom = f'type="{shape}" size=".05 .03 .02"' if shape != "mesh" else 'type="mesh" mesh="m"'
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><asset><mesh name="m" vertex="{vertices}"/></asset><worldbody><geom type="plane" size="9 9 1"/>'
+        f'<body pos="0 0 .4"><joint axis="1 2 3"/><geom {geom} euler="20 40 60" margin="9"/></body></worldbody>'
+        "</mujoco>"
+    )
+    data = mujoco.MjData(model)
+    assert find_arm_geoms(model) == [1]
+    assert find_first_anchor(model)[2] == pytest.approx(0.4)
+    for angle in (-1.0, 0.3, 2.0):
+        data.qpos[0] = angle
+        mujoco.mj_forward(model, data)
+        touched = min(contact.dist for contact in data.contact)
+        assert find_lowest_point(model, data, [1]) == pytest.approx(touched, abs=1e-6)
+
+
+def test_an_arm_without_shapes_cannot_touch_a_floor(tmp_path):
+    text = ARM.format('<geom type="plane" size="1 1 .1"/>').replace("<geom ", '<geom contype="0" conaffinity="0" ')
+    with pytest.raises(ModelFileError, match="needs an arm with collision shapes"):
+        parse("floor_contact:depth=0.2").edit(mujoco.MjSpec.from_string(text))
