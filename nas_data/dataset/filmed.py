@@ -11,7 +11,7 @@ import numpy as np
 
 from nas_data.count_of import count_of
 from nas_data.dataset import layout
-from nas_data.dataset.carried import CarriedSource
+from nas_data.dataset.carried_source import CarriedSource
 from nas_data.dataset.videos import VIDEO_PATH, VideoPlace
 from nas_data.errors import DatasetInvalid
 

@@ -14,8 +14,8 @@ import pyarrow.parquet as pq
 
 from nas_data.dataset import layout
 from nas_data.dataset.card import render_card
-from nas_data.dataset.carried import combine_statistics as overall_of
 from nas_data.dataset.checks import check_storable
+from nas_data.dataset.combine_statistics import combine_statistics
 from nas_data.dataset.content import convert_column, hash_content
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.provenance import Provenance
@@ -117,7 +117,7 @@ def _make_files(
             part = part.append_column(key, make_number_array(np.full(len(part), value, np.int64)))
         yield layout.make_numbered_path(layout.EPISODES_TEMPLATE, number), encode_parquet(part)
     overall = {key: {name: values.tolist() for name, values in entry.overall.items()} for key, entry in found.items()}
-    yield layout.STATS, encode_json({**overall, **overall_of(seen)})
+    yield layout.STATS, encode_json({**overall, **combine_statistics(seen)})
     yield from attachments.items()
 
 

@@ -20,16 +20,17 @@ ARM = """<mujoco><compiler angle="radian" autolimits="true"/><option timestep="0
 RATE, ROWS, EPISODES, NOISE = 50, 200, 5, 3e-4
 
 
-def record(floor: str) -> nas.Dataset:
-    """Record an arm on a floor by a loop of its own."""
+def record(floor: str, episodes: int = EPISODES, low: frozenset[int] | None = None) -> nas.Dataset:
+    """Record an arm on a floor by a loop of its own; all episodes reach low, or those of some numbers."""
     model, rng = mujoco.MjModel.from_xml_string(ARM.format(floor)), np.random.default_rng(0)
     positions, commands = [], []
     times = np.arange(ROWS)[:, None] / RATE
-    for _ in range(EPISODES):
+    for number in range(episodes):
         data = mujoco.MjData(model)
         speeds, phases = rng.uniform(1.0, 4.0, (3, 2)), rng.uniform(0, 2 * np.pi, (3, 2))
         asked = sum(np.sin(times * speed + phase) - np.sin(phase) for speed, phase in zip(speeds, phases, strict=True))
-        asked = np.clip(asked * [0.35, 0.5] + [0.3, 0.3] * np.minimum(times / 0.5, 1), -1.2, 1.2)
+        reach = 0.0 if low is None or number in low else -0.6
+        asked = np.clip(asked * [0.35, 0.5] + [0.3 + reach, 0.3] * np.minimum(times / 0.5, 1), -1.2, 1.2)
         asked[:5] = 0.0
         data.ctrl[:] = asked[0]
         mujoco.mj_step(model, data, 500)
@@ -55,6 +56,14 @@ def test_a_floor_is_named_where_there_is_one(height: float | None, tmp_path):
     assert (found.name, found.joint) == ("floor_contact", None)
     assert found.parameters["depth"].value == pytest.approx(0.25 - height, abs=0.002)
     assert found.confidence > 0.6
+
+
+def test_a_floor_that_few_episodes_touch_is_named(tmp_path):
+    floor = '<geom type="plane" size="1 1 .1" pos="0 0 .08" solref=".01 1"/>'
+    (tmp_path / "arm.xml").write_text(ARM.format(""))
+    recorded = record(floor, episodes=24, low=frozenset({3, 4, 10, 11, 17, 18}))
+    report = nas.identify(recorded, model=tmp_path / "arm.xml")
+    assert {(effect.name, effect.joint) for effect in report.effects} == {("floor_contact", None)}
 
 
 @pytest.mark.parametrize("shape", ["sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh"])

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from nas_data.effects.base import Effect, Scales
-from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.floor import compute_floor_ratios
 from nas_data.gap.search.fit import Fit, evaluate_loss, fit, is_effect_or_freed, measure_jacobian, measure_moved_joints
 from nas_data.gap.search.hypothesis import (
@@ -22,8 +21,10 @@ from nas_data.gap.search.scales import estimate_scales
 from nas_data.gap.search.screen import Candidate, Changes, screen
 from nas_data.gap.search.timestep import choose_timestep
 
-SEARCH_EPISODES = 8  # episodes of the search
+SEARCH_EPISODES = 6  # episodes of the search
 SEARCH_ROWS = 1800  # fewest rows of the search, for short episodes
+ODD_ERROR = 3.0  # times the median error of a joint above which an episode is added to the search
+MAX_ODD = 2  # most such episodes
 AT_FLOOR = 1.15  # noise floors; a joint with a smaller held-out error needs no effect
 FAR_BEHIND = 60.0  # [nats] difference that decides even between short fits or first-order estimates
 LITTLE = 0.05  # share of the total gain below which a further gain does not count
@@ -295,27 +296,12 @@ class Search:
 
 
 def choose_episodes(task: FitTask) -> np.ndarray:
-    """Return the indices of the episodes of the search, which differ most in poses, speeds and command errors.
-
-    The first is the most ordinary one; each further one is the farthest from those chosen before (k-centre).
-    """
+    """Return the indices of the episodes of the search: evenly spaced ones, and those with the largest errors."""
     count, steps = task.evidence.commands.shape[:2]
-    features = describe_episodes(task.evidence)
-    chosen = [int(np.argmin((features**2).sum(1)))]
-    distances = np.full(count, np.inf)
-    while len(chosen) < min(count, max(SEARCH_EPISODES, SEARCH_ROWS // steps)):
-        distances = np.minimum(distances, ((features - features[chosen[-1]]) ** 2).sum(1))
-        distances[chosen] = -1.0
-        chosen.append(int(distances.argmax()))
-    return np.sort(chosen)
-
-
-def describe_episodes(evidence: EpisodeBatch) -> np.ndarray:
-    """Return lowest and highest position, mean square speed and command error of each joint, standardised, (E, 4n)."""
-    rows = []
-    for seen, measured, commands in zip(evidence.mask, evidence.measured, evidence.commands, strict=True):
-        positions, asked = measured[seen], commands[seen]
-        spread = np.sqrt(np.square(np.diff(positions, axis=0)).mean(0)), np.sqrt(np.square(asked - positions).mean(0))
-        rows.append(np.concatenate([positions.min(0), positions.max(0), *spread]))
-    features = np.array(rows) - np.mean(rows, axis=0)
-    return np.asarray(features / np.maximum(features.std(axis=0), np.finfo(float).tiny))
+    wanted = max(SEARCH_EPISODES, SEARCH_ROWS // steps)
+    even = np.unique(np.linspace(0, count - 1, min(count, wanted)).round().astype(int))
+    squares = task.floor**2 + task.evidence.mean_squares(task.nominal.predict(task.evidence))
+    oddness = np.sqrt((squares / np.median(squares, axis=0)).max(axis=1))
+    oddness[even] = 0.0
+    odd = [episode for episode in np.argsort(-oddness)[:MAX_ODD] if oddness[episode] > ODD_ERROR]
+    return np.sort(np.concatenate([even, np.array(odd, dtype=int)]))
