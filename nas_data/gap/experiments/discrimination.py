@@ -12,6 +12,7 @@ from nas_data.gap.nominal_parameters import NominalParameter, scale_base_paramet
 from nas_data.gap.search.fit import Fit, fit, measure_jacobian
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters, select_free_base
+from nas_data.gap.side_by_side import map_in_parallel
 
 STEPS = 4  # Gauss-Newton steps of the second rival; after two it has not converged
 
@@ -80,13 +81,13 @@ def compute_separations(
     # common columns are measured for all experiments in one batch; each experiment is then fitted alone
     common = [column for column in range(parameters.size) if not is_concerned(parameters, column, concerned)]
     known = dict(zip(common, measure_jacobian(task, parameters, start, second, common), strict=True))
-    followed = [
-        fit(task.select([episode]), parameters, start, {c: rows[[episode]] for c, rows in known.items()}, STEPS, 0)
-        for episode in range(len(evidence))
-    ]
-    squares = np.concatenate(
-        [compute_mean_squares(task.select([episode]), found) for episode, found in enumerate(followed)]
-    )
+
+    def follow(episode: int) -> np.ndarray:
+        alone = task.select([episode])
+        columns = {column: rows[[episode]] for column, rows in known.items()}
+        return compute_mean_squares(alone, fit(alone, parameters, start, columns, STEPS, 0))
+
+    squares = np.concatenate(map_in_parallel(follow, range(len(evidence))))
     counted = np.isin(nominal.joints, list(concerned))
     return np.asarray(np.where(counted, np.sqrt(squares) / floor, 0.0))
 
