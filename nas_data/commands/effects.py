@@ -36,14 +36,15 @@ class Effects(Command):
         if self.names:
             text = "\n\n".join("\n".join(describe_effect(kind)) for kind in chosen)
         else:
-            text = "\n".join([*(summarise_effect(kind) for kind in chosen), "In full: nas effects NAME"])
+            width = max(len(kind.name()) for kind in chosen)
+            text = "\n".join([*(summarise_effect(kind, width) for kind in chosen), "In full: nas effects NAME"])
         return CommandResult(text, {"effects": [make_json(kind) for kind in chosen]})
 
 
-def summarise_effect(kind: "type[Effect]") -> str:
-    """Return a line: name, where it may sit, parameters."""
+def summarise_effect(kind: "type[Effect]", width: int) -> str:
+    """Return a line: name, padded to a width, where it may sit, parameters."""
     told = ", ".join(f"{p.name} [{p.unit}]" if p.unit else p.name for p in kind.parameters)
-    return f"{kind.name():<{WIDTH}} {' or '.join(list_places(kind)):<12} {told}"
+    return f"{kind.name():<{width}} {' or '.join(list_places(kind)):<12} {told}"
 
 
 def describe_effect(kind: "type[Effect]") -> Iterator[str]:

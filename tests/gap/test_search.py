@@ -12,8 +12,7 @@ from nas_data.effects.base import parse
 from nas_data.gap.name import name
 from nas_data.gap.problem import Problem
 from nas_data.gap.search.choose import choose, search_down, search_up
-from nas_data.gap.search.fit_alike import fit_alike
-from nas_data.gap.search.plain_fit import convert_to_effects, describe_plain_fit, fit_plain, fit_smooth
+from nas_data.gap.search.plain_fit import convert_to_effects, fit_plain, fit_smooth
 from nas_data.gap.search.search import Search
 
 VISCOUS, DRY = "viscous_friction:joint=j2,coefficient=0.03", "coulomb_friction:joint=j1,torque=0.03"
@@ -34,20 +33,6 @@ def test_a_plain_fit_recovers_gain_damping_friction_and_inertia():
             factor = found.fit.factors[f"{joint}.{kind}"]
             assert model[kind] * factor == pytest.approx(value, rel=0.05), f"{joint}.{kind}"
     assert search.floor_ratios(found).max() < 1.2
-
-
-def test_one_factor_for_all_joints_of_a_kind_is_fitted_first():
-    """Both servos are alike and differ from the model's; a fit with five numbers finds them."""
-    true, model = {"gain": 0.5, "frictionloss": 0.02}, {"gain": 1.5, "frictionloss": 0.01}
-    search = begun(arm(**model), target=arm(**true), episodes=6)
-    description = describe_plain_fit(search, {"j1", "j2"})
-    parameters = description.parameters(search.train.nominal.base)
-    theta = fit_alike(search.task, parameters, parameters.initial_theta())
-    factors = parameters.factors_at(theta)
-    for kind, value in true.items():
-        assert factors[f"j1.{kind}"] == factors[f"j2.{kind}"]
-        assert model[kind] * factors[f"j1.{kind}"] == pytest.approx(value, rel=0.2), kind
-    assert search.task.misfit(search.task.predict(parameters, theta)) < search.nominal.fit.misfit
 
 
 def test_a_plain_fit_adds_what_the_model_lacks_to_an_arm_that_begins_in_motion():

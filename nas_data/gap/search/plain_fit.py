@@ -14,7 +14,6 @@ from nas_data.effects.joint_offset import JointOffset
 from nas_data.gap.episode_batch import cut_windows
 from nas_data.gap.nominal_parameters import MAX_LOG_CHANGE, NominalParameter, read_own_value
 from nas_data.gap.search.fit import Fit, find_label_joint, fit, group_moved_joints, is_effect_or_freed
-from nas_data.gap.search.fit_alike import fit_alike
 from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, reuse_jacobian
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FREED_ONLY, FreeParameters, Label
@@ -27,7 +26,6 @@ SHORT_STEPS = 8_000  # most physics steps of one rollout of short windows
 FACTORS = (1.0, 0.3, 0.1, 0.03)  # initial factors of all gains; filters take the first and the last
 CLEARLY = 0.1  # [nats per observation] (10 % of the errors) by which a start must beat the model
 NEARLY = 0.3  # [nats per observation] by which a start may be worse than the best and still be fitted
-MIN_JOINTS = 3  # joints above the floor from which such a fit is tried
 INITIAL_SHARE = 0.1  # of a joint's scale: initial value of an effect that the model lacks
 FACTOR, ADDED, LOWERED = "factor", "added", "lowered"
 EFFECT_OF_PARAMETER = {  # effect: the equivalent freed parameter, and how its value is converted
@@ -67,14 +65,10 @@ def fit_smooth(search: Search) -> Hypothesis:
     start = found.theta if found else parameters.initial_theta(search.null.fit.factors)
     known = {} if found else reuse_jacobian(search.null.fit, parameters, len(description.effects))
     known = {column: rows for column, rows in known.items() if not is_effect_or_freed(parameters, column)}
-    starts = [(start, known)]
-    if len(joints) >= MIN_JOINTS:
-        starts.append((fit_alike(search.task, parameters, start), {}))
-    tried = map_in_parallel(lambda one: fit(search.task, parameters, *one, steps=8, jacobian_refreshes=2), starts)
-    fitted = [one for one in tried if one is not None]
-    if not fitted:
+    whole = fit(search.task, parameters, start, known, steps=8, jacobian_refreshes=2)
+    if whole is None:
         return search.null
-    plain = search.evaluate(description, min(fitted, key=lambda one: one.loss))
+    plain = search.evaluate(description, whole)
     if search.floor_ratios(plain).max() > AT_FLOOR:
         plain = search.relinearise(plain)
     search.report("plain fit", plain)
