@@ -7,12 +7,11 @@ from nas_data.gap.search.hypothesis import Hypothesis
 from nas_data.gap.search.moves import add, drop, line_scan, restart
 from nas_data.gap.search.moves.base import find_move
 from nas_data.gap.search.plain_fit import add_limits, convert_columns, convert_to_effects
-from nas_data.gap.search.search import LITTLE, Round, Search
+from nas_data.gap.search.search import EXPLAINED, LITTLE, Round, Search
 
 MOVES_AFTER_ADDITION = ("swap", "merge_joints", "shift_delay", "optional_parameters")  # after each addition
 # when nothing is added any more
 MOVES_OF_REVIEW = ("share_value", "simplify", "drop", "replace_by_rival", "shift_delay", "drop")
-EXPLAINED = 1.5  # noise floors; a joint with a smaller held-out error is explained
 MANY_PARTS = 2  # parts per joint of the pruned plain fit above which nearly everything is missing
 AHEAD = 0.5  # share of the gain by which the search upwards must lead to end the search without explaining every joint
 FEW_PARTS = 3  # most parts of a pruned plain fit that is kept if it explains every joint

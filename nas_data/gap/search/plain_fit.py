@@ -19,6 +19,7 @@ from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FREED_ONLY, FreeParameters, Label
 from nas_data.gap.search.screen import screen
 from nas_data.gap.search.search import AT_FLOOR, TRIED, Search
+from nas_data.gap.search.share_gain import share_gain
 from nas_data.gap.side_by_side import map_in_parallel
 
 SHORT_WINDOW = 1.0  # [s] of the first fit; open-loop errors of a wrong model grow fast
@@ -72,7 +73,11 @@ def fit_smooth(search: Search) -> Hypothesis:
     if search.floor_ratios(plain).max() > AT_FLOOR:
         plain = search.relinearise(plain)
     search.report("plain fit", plain)
-    return plain
+    alike = share_gain(search, plain)
+    if alike is not plain:
+        alike = search.relinearise(alike)
+        search.report("plain fit with one gain", alike)
+    return alike
 
 
 def describe_plain_fit(search: Search, joints: Collection[str]) -> Description:

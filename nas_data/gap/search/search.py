@@ -25,6 +25,7 @@ SEARCH_EPISODES = 6  # episodes of the search
 SEARCH_ROWS = 1800  # fewest rows of the search, for short episodes
 ODD_ERROR = 3.0  # times the median error of a joint above which an episode is added to the search
 MAX_ODD = 2  # most such episodes
+EXPLAINED = 1.5  # noise floors; a joint with a smaller held-out error is explained
 AT_FLOOR = 1.15  # noise floors; a joint with a smaller held-out error needs no effect
 FAR_BEHIND = 60.0  # [nats] difference that decides even between short fits or first-order estimates
 LITTLE = 0.05  # share of the total gain below which a further gain does not count
