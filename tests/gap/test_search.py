@@ -8,12 +8,13 @@ import pytest
 from support.search_samples import afresh, arm, begun, names, played, tasks
 from support.start_samples import derived_torques
 
-from nas_data.effects.base import parse
+from nas_data.effects.base import find_effect, parse
 from nas_data.gap.name import name
 from nas_data.gap.problem import Problem
 from nas_data.gap.search.choose import choose, search_down, search_up
 from nas_data.gap.search.plain_fit import convert_to_effects, fit_plain, fit_smooth
 from nas_data.gap.search.search import Search
+from nas_data.gap.search.share_gain import fit_with_gain, scale_effect, share_gain
 
 VISCOUS, DRY = "viscous_friction:joint=j2,coefficient=0.03", "coulomb_friction:joint=j1,torque=0.03"
 FRICTION = (("coulomb_friction", "torque=0.01"), ("viscous_friction", "coefficient=0.004"))
@@ -33,6 +34,35 @@ def test_a_plain_fit_recovers_gain_damping_friction_and_inertia():
             factor = found.fit.factors[f"{joint}.{kind}"]
             assert model[kind] * factor == pytest.approx(value, rel=0.05), f"{joint}.{kind}"
     assert search.floor_ratios(found).max() < 1.2
+
+
+def test_one_gain_for_all_servos_is_fitted_from_torques_in_proportion():
+    """Where friction rules, gain and friction of a joint stand for each other; here both are half the model's."""
+    true, model = {"gain": 0.5, "frictionloss": 0.02}, {"gain": 1.0, "frictionloss": 0.04}
+    search = begun(arm(**model), target=arm(**true), episodes=6)
+    plain = fit_plain(search)
+    joints = ["j1", "j2"]
+    far = fit_with_gain(search, plain, joints, 0.8)
+    assert far is not None
+    gains = [effect.factor for effect in far.effects if effect.name() == "servo_stiffness"]
+    assert gains == [pytest.approx(0.5, rel=0.1)] * 2
+    assert gains[0] == gains[1]
+    assert [0.04 * far.fit.factors[f"{joint}.frictionloss"] for joint in joints] == [pytest.approx(0.02, rel=0.1)] * 2
+
+
+def test_a_plain_fit_that_explains_all_keeps_a_gain_for_each_joint():
+    search = begun(arm(gain=1.0), target=arm(gain=0.5), episodes=6)
+    plain = fit_plain(search)
+    assert share_gain(search, plain) is plain
+
+
+def test_what_is_in_proportion_to_a_torque_is_multiplied_within_its_bounds():
+    assert scale_effect(parse(DRY), 2.0).torque == pytest.approx(0.06)
+    assert scale_effect(parse("joint_offset:joint=j1,offset=0.03"), 2.0).offset == 0.03
+    assert (
+        scale_effect(parse("rotor_inertia:joint=j1,inertia=0.5"), 1e9).inertia
+        == find_effect("rotor_inertia").parameters[0].high
+    )
 
 
 def test_a_plain_fit_adds_what_the_model_lacks_to_an_arm_that_begins_in_motion():
