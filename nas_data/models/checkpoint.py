@@ -1,5 +1,6 @@
 """Checkpoints: folders with `config.json` and `model.safetensors`, read without pickle."""
 
+import copy
 import inspect
 import json
 import math
@@ -29,12 +30,20 @@ def save(model: DynamicsModel, folder: Path, attachments: Mapping[str, bytes] | 
     """
     staging = folder.with_name(f".{folder.name}.partial")
     shutil.rmtree(staging, ignore_errors=True)
-    model.save_pretrained(staging)
+    copy_to_cpu(model).save_pretrained(staging)
     for name, content in (attachments or {}).items():
         (staging / name).write_bytes(content)
     shutil.rmtree(folder, ignore_errors=True)
     staging.rename(folder)
     return folder
+
+
+def copy_to_cpu(model: DynamicsModel) -> DynamicsModel:
+    """Return a copy whose parameters have storage of their own; on a GPU cuDNN keeps those of an LSTM in one block."""
+    portable = copy.deepcopy(model).to("cpu")
+    for parameter in portable.parameters():
+        parameter.data = parameter.detach().clone()
+    return portable
 
 
 def load_frozen(folder: Path | str) -> DynamicsModel:

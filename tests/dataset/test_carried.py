@@ -21,7 +21,7 @@ from support.lerobot_samples import annotate, enter_with_arm, motions, speech, w
 
 from nas_data.cli import main
 from nas_data.dataset import layout
-from nas_data.dataset.carried import join_tables
+from nas_data.dataset.carried_source import join_tables
 from nas_data.dataset.language import move_times
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify

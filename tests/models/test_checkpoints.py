@@ -53,6 +53,19 @@ def test_a_checkpoint_holds_no_pickle_and_needs_none(tmp_path, monkeypatch):
     checkpoint.load_frozen(folder)
 
 
+def test_parameters_in_one_block_of_memory_are_saved_as_any_others(tmp_path):
+    """As cuDNN keeps those of an LSTM on a GPU, which safetensors does not take."""
+    model = network()
+    parameters = list(model.lstm.parameters())
+    block = torch.cat([parameter.detach().flatten() for parameter in parameters])
+    for parameter, part in zip(parameters, block.split([each.numel() for each in parameters]), strict=True):
+        parameter.data = part.view_as(parameter)
+    loaded = checkpoint.load_frozen(checkpoint.save(model, tmp_path / "checkpoint"))
+    for name, value in model.state_dict().items():
+        assert torch.equal(loaded.state_dict()[name], value), name
+    assert parameters[0].data_ptr() == block.data_ptr(), "the model itself is unchanged"
+
+
 def test_saving_again_replaces_the_checkpoint_and_leaves_nothing_behind(tmp_path):
     first, second = network(seed=0), network(seed=1)
     checkpoint.save(first, tmp_path / "checkpoint", {"source.xml": b"<mujoco/>"})
