@@ -12,12 +12,13 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.gap.nominal import Nominal
+from nas_data.gap.poses import POSES, pose_arm
+from nas_data.mjcf.free_bodies import find_free_bodies
 from nas_data.mjcf.unique_name import make_unique_name
 from nas_data.pairing import pair as pair_transitions
 
 DEEP = 0.001  # [m] smallest penetration; soft contacts at rest penetrate less
 OFTEN = 0.005  # smallest share of poses with such a penetration
-POSES = 2_000  # most measured poses that are checked
 WORSE = 1.5  # smallest ratio of one-step errors with over without a contradicted contact
 
 Pair = tuple[int, int]
@@ -71,17 +72,13 @@ def find_overlaps(nominal: Nominal, dataset: Dataset) -> Mapping[Pair, Overlap]:
 def find_depths(nominal: Nominal, poses: np.ndarray) -> tuple[dict[Pair, np.ndarray], dict[Pair, str]]:
     """Return penetrations of bodies in poses (N, n), shape (N,) [m], 0 below `DEEP`; and their names."""
     simulator = nominal.simulator()
-    layout, model, data = simulator.layout, simulator.model, mujoco.MjData(simulator.model)
+    model = simulator.model
     depths: dict[Pair, np.ndarray] = {}
     names: dict[Pair, str] = {}
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT:
         return depths, names
     free = find_free_bodies(model)
-    for row, pose in enumerate(poses):
-        data.qpos[layout.qpos] = pose
-        if layout.followers is not None:
-            layout.followers.place(data.qpos[None], data.qvel[None])
-        mujoco.mj_kinematics(model, data)
+    for row, data in enumerate(pose_arm(simulator, poses)):
         mujoco.mj_comPos(model, data)
         mujoco.mj_collision(model, data)
         for contact in data.contact:
@@ -110,16 +107,6 @@ def exclude_contacts(nominal: Nominal, pairs: Collection[Pair]) -> Nominal:
             spec.add_exclude(bodyname1=spec.bodies[pair[0]].name, bodyname2=spec.bodies[pair[1]].name)
 
     return nominal.with_edit(exclude)
-
-
-def find_free_bodies(model: mujoco.MjModel) -> np.ndarray:
-    """Return which bodies a free or ball joint moves, such as objects, shape (nbody,)."""
-    kinds = (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL)
-    free = np.zeros(model.nbody, bool)
-    free[model.jnt_bodyid[np.isin(model.jnt_type, [int(kind) for kind in kinds])]] = True
-    for body in range(1, model.nbody):  # parents have lower indices
-        free[body] |= free[model.body_parentid[body]]
-    return free
 
 
 def name_bodies(model: mujoco.MjModel, geoms: np.ndarray) -> str:

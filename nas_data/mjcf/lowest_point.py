@@ -5,6 +5,8 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
+from nas_data.mjcf.free_bodies import find_free_bodies
+
 SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = SHAPES = tuple(
     int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}"))
     for name in ("SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX", "MESH")
@@ -14,15 +16,12 @@ JOINTS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 def find_arm_geoms(model: mujoco.MjModel) -> list[int]:
     """Return the indices of the collision shapes that hinges and slides move, without objects on free joints."""
-    moved = np.zeros(model.nbody, bool)
-    for body in range(1, model.nbody):  # parents have lower indices
-        own = model.jnt_type[model.body_jntadr[body] : model.body_jntadr[body] + model.body_jntnum[body]]
-        hinged = bool(np.isin(own, JOINTS).any())
-        moved[body] = hinged or moved[model.body_parentid[body]]
+    free = find_free_bodies(model)
     return [
         geom
         for geom in range(model.ngeom)
-        if moved[model.geom_bodyid[geom]]
+        if model.body_weldid[model.geom_bodyid[geom]]
+        and not free[model.geom_bodyid[geom]]
         and model.geom_contype[geom] | model.geom_conaffinity[geom]
         and model.geom_type[geom] in SHAPES
     ]

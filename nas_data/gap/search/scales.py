@@ -10,12 +10,11 @@ from nas_data.effects.base import Scales, find_joint_actuator
 from nas_data.effects.edits.servo import is_velocity_servo, read_servo_damping, read_servo_stiffness
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal
+from nas_data.gap.poses import POSES, pose_arm
 from nas_data.joint_units import compute_angle_scales
 from nas_data.mjcf.lowest_point import find_arm_geoms, find_first_anchor, find_lowest_point
 from nas_data.robots.base import find_deepest_joint
 from nas_data.simulators.controls import find_command, read_length_feedback
-
-POSES = 2_000  # most poses in which the arm's lowest point is sought
 
 
 def estimate_scales(nominal: Nominal, evidence: EpisodeBatch, predicted: np.ndarray) -> tuple[Scales, ...]:
@@ -47,23 +46,18 @@ def measure_depths(nominal: Nominal, evidence: EpisodeBatch) -> tuple[float, flo
     Both are 0 without collision shapes, and where a joint is not commanded a position.
     """
     simulator = nominal.simulator()
-    model, layout, data = simulator.model, simulator.layout, mujoco.MjData(simulator.model)
+    model = simulator.model
     geoms = find_arm_geoms(model)
     if not geoms or set(simulator.kinds) != {POSITION}:
         return 0.0, 0.0
     rows = np.argwhere(evidence.mask)
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, POSES).round().astype(int))]
-    top, found = float(find_first_anchor(model)[2]), []
-    for poses in (evidence.measured, evidence.commands):
-        lowest = np.inf
-        for pose in poses[tuple(rows.T)]:
-            data.qpos[layout.qpos] = pose
-            if layout.followers is not None:
-                layout.followers.place(data.qpos[None], data.qvel[None])
-            mujoco.mj_kinematics(model, data)
-            lowest = min(lowest, find_lowest_point(model, data, geoms))
-        found.append(top - lowest)
-    return found[0], found[1]
+    top = float(find_first_anchor(model)[2])
+    measured, commanded = (
+        top - min(find_lowest_point(model, data, geoms) for data in pose_arm(simulator, poses[tuple(rows.T)]))
+        for poses in (evidence.measured, evidence.commands)
+    )
+    return measured, commanded
 
 
 def estimate_joint_scales(

@@ -11,7 +11,6 @@ from nas_data.gap.side_by_side import map_in_parallel
 MIN_JOINTS = 3  # servos with a freed gain from which one gain is tried
 TORQUES = ("servo_damping", "damping", "limit", "armature", "frictionloss")  # parameters in proportion to a torque
 TORQUE_EFFECTS = ("coulomb_friction", "viscous_friction", "rotor_inertia")
-SMALLEST, LARGEST = 1e-3, 1e3  # bounds of a freed factor
 
 
 def share_gain(search: Search, plain: Hypothesis) -> Hypothesis:
@@ -39,7 +38,7 @@ def fit_with_gain(search: Search, plain: Hypothesis, joints: list[str], gain: fl
     for name in plain.description.freed:
         joint, kind = name.rsplit(".", 1)
         if kind in TORQUES and joint in ratios:
-            factors[name] = min(max(factors[name] * ratios[joint], SMALLEST), LARGEST)
+            factors[name] *= ratios[joint]  # the fit clips it to its bounds
     effects = [scale_effect(effect, ratios.get(effect.joint or "", 1.0)) for effect in plain.effects]
     effects += [make_effect("servo_stiffness", joint, {"factor": gain}) for joint in joints]
     freed = frozenset(name for name in plain.description.freed if not name.endswith(".gain"))
