@@ -13,7 +13,6 @@ from nas_data.gap.search.final import FinalFit, fit_final
 from nas_data.gap.search.hypothesis import Description, Hypothesis, effect_key
 from nas_data.gap.search.moves.replace_by_rival import fit_rivals
 from nas_data.gap.search.objective import FitTask
-from nas_data.gap.search.plain_fit import fit_smooth
 from nas_data.gap.search.search import Search
 from nas_data.gap.search.tie_break import break_tie
 from nas_data.joint_units import group_by_kind
@@ -112,11 +111,10 @@ def name(train: FitTask, held: FitTask, say: Callable[[str], None] = lambda text
         say: Receives progress messages.
     """
     search = Search.begin(train, held, say)
-    first = search.current_round
-    smooth, fine = fit_smooth(search), search.task.fine
-    best, plain = choose(search, first, smooth)
+    choice = choose(search)
+    plain = choice.plain
     train = replace(search.train, fine=search.task.fine)
-    kept = withdraw(search, best)
+    kept = withdraw(search, choice.best)
     say("comparing what is nearly as good")
     kept = break_tie(search, train, kept)
     null = FinalFit((), search.null.fit.factors, ())
@@ -128,7 +126,7 @@ def name(train: FitTask, held: FitTask, say: Callable[[str], None] = lambda text
         judged.append(assess(search, kept, final, number))
     order = sorted(range(len(judged)), key=lambda number: -judged[number][0].confidence)
     findings, rivals = [judged[number][0] for number in order], [judged[number][1] for number in order]
-    baseline = FinalFit(plain.effects, plain.fit.factors, (), fine)
+    baseline = FinalFit(plain.effects, plain.fit.factors, (), choice.plain_fine)
     return Naming(
         tuple(findings), final, null, baseline, tuple(rivals), kept.description, plain.description, final.stable
     )

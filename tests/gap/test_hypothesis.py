@@ -11,6 +11,7 @@ from support.search_samples import arm, described, played, tasks
 
 from nas_data import registry
 from nas_data.effects.base import parse
+from nas_data.gap.search.constants import PRICE
 from nas_data.gap.search.fit import (
     NEGLECTED_SHARE,
     Fit,
@@ -21,7 +22,6 @@ from nas_data.gap.search.fit import (
     measure_moved_joints,
 )
 from nas_data.gap.search.hypothesis import (
-    PRICE,
     Description,
     Hypothesis,
     compute_effect_price,

@@ -12,7 +12,7 @@ from nas_data.effects.base import find_effect, parse
 from nas_data.gap.name import name
 from nas_data.gap.problem import Problem
 from nas_data.gap.search.choose import choose, search_down, search_up
-from nas_data.gap.search.plain_fit import convert_to_effects, fit_plain, fit_smooth
+from nas_data.gap.search.plain_fit import convert_to_effects, fit_plain, fit_smooth, refine_smooth
 from nas_data.gap.search.search import Search
 from nas_data.gap.search.share_gain import fit_with_gain, scale_effect, share_gain
 
@@ -95,7 +95,7 @@ def test_a_plain_fit_recovers_how_much_of_the_weight_a_controller_carries():
 @pytest.mark.slow
 def test_gravity_compensation_that_the_model_lacks_is_named():
     found = begun(arm(), "gravity_compensation:share=0.7")
-    (effect,) = choose(found, found.current_round, fit_smooth(found))[0].effects
+    (effect,) = choose(found).best.effects
     assert effect.name() == "gravity_compensation"
     assert effect.share == pytest.approx(0.7, abs=0.05)
 
@@ -105,9 +105,10 @@ def test_a_torque_limit_that_the_plain_fit_lowers_is_named():
     """A freed limit that nothing stood for explained what was missing, unnamed."""
     limited = arm().replace('kp="0.5"', 'kp="0.5" forcerange="-0.3 0.3"')
     found = begun(limited, "joint_offset:joint=j1,offset=0.08", "torque_limit:joint=j1,torque=0.12")
-    first, smooth = found.current_round, fit_smooth(found)
+    first, smooth = found.current_round, refine_smooth(found, fit_smooth(found))
     assert "torque_limit" in {effect.name() for effect in convert_to_effects(found, smooth).effects}
-    kept = {effect.name(): effect for effect in choose(found, first, smooth)[0].effects}
+    found.return_to(first)
+    kept = {effect.name(): effect for effect in choose(found).best.effects}
     assert set(kept) == {"joint_offset", "torque_limit"}
     assert kept["torque_limit"].torque == pytest.approx(0.12, rel=0.03)
 
@@ -138,7 +139,7 @@ def test_up_from_the_model_and_down_from_the_plain_fit_meet(rubbing: Search):
 def test_a_search_among_joints_that_stood_still_names_nothing(rubbing: Search):
     search = afresh(rubbing)
     search.excited = set()
-    assert choose(search, search.current_round, search.null)[0] is search.null
+    assert choose(search).best is search.null
 
 
 @pytest.mark.slow

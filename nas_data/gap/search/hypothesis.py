@@ -7,15 +7,10 @@ import numpy as np
 
 from nas_data.effects.base import Effect
 from nas_data.gap.nominal_parameters import NominalParameter
+from nas_data.gap.search.constants import BEYOND_PRIOR, EXCITED, PARAMETER_PRICE, PRICE
 from nas_data.gap.search.fit import Fit
 from nas_data.gap.search.objective import FitTask, Score
 from nas_data.gap.search.parameters import FreeParameters, Label, select_free_base
-
-PRICE = 12.0  # [nats] of an effect or a freed parameter of the model
-PARAMETER_PRICE = 3.0  # [nats] of every further parameter of an effect
-HOOK_PRICE = 2.0  # [nats] in addition for an effect that MJCF alone cannot express
-BEYOND_PRIOR = 2.5  # standard deviations above which a base parameter contradicts its prior
-EXCITED = 10.0  # noise floors; a joint that moves further in an episode is excited
 
 Key = tuple[str, str | None]
 
@@ -77,7 +72,7 @@ class Description:
 def compute_effect_price(effect: Effect) -> float:
     """Return the price of one effect [nats]."""
     further = PARAMETER_PRICE * max(0, len(effect.free_parameters) - 1)
-    return PRICE + further + (0.0 if effect.in_model else HOOK_PRICE)
+    return PRICE + further + (0.0 if effect.in_model else PARAMETER_PRICE)
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,10 @@ from nas_data.errors import ModelFileError
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.integrator import find_whole_step
 from nas_data.gap.nominal import Nominal, find_fine_timestep, with_timestep
+from nas_data.gap.search.constants import CORRELATION, MUCH, SOME
 from nas_data.gap.search.parameters import FreeParameters
 
-TOLERATED_SHARE = 0.1  # share of a joint's present error that is added to its tolerance
-CORRELATION = 0.15  # [s] correlation time of a rollout's errors; its rows count as one observation
 MULTIPLES = (4, 2)  # multiples of the model's timestep for rollouts of a search, tried in this order
-MAX_STEP_ERROR = 0.5  # largest change by a longer timestep, as a share of each joint's error
 MAX_VELOCITY_STEP = 3.0  # standard deviations by which an initial velocity may change
 
 OBJECTIVES = count()
@@ -124,7 +122,7 @@ class FitTask:
         predicted = task.predict(parameters, theta)
         if predicted is None:
             return task
-        return replace(task, tolerated_error=TOLERATED_SHARE * np.sqrt(task.evidence.mean_squares(predicted).mean(0)))
+        return replace(task, tolerated_error=SOME * np.sqrt(task.evidence.mean_squares(predicted).mean(0)))
 
     def reestimate(self, parameters: FreeParameters, theta: np.ndarray) -> "FitTask":
         """Return the task with initial states and timestep correction estimated anew, as a new objective."""
@@ -204,7 +202,7 @@ class FitTask:
         """
         own, small = float(self.nominal.spec.option.timestep), self.timestep
         change = np.sqrt(self.evidence.mean_squares(self.evidence.measured + rough - finer).mean(0))
-        left = MAX_STEP_ERROR * np.sqrt(self.evidence.mean_squares(finer).mean(0))
+        left = MUCH * np.sqrt(self.evidence.mean_squares(finer).mean(0))
         for multiple in MULTIPLES:
             step = find_whole_step(self.nominal.period, multiple * own)
             if step > own and (change * (step - small) < left * (own - small)).all():

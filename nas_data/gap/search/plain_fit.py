@@ -13,21 +13,19 @@ from nas_data.effects.edits.servo import read_servo_stiffness
 from nas_data.effects.joint_offset import JointOffset
 from nas_data.gap.episode_batch import cut_windows
 from nas_data.gap.nominal_parameters import MAX_LOG_CHANGE, NominalParameter, read_own_value
+from nas_data.gap.search.constants import AT_FLOOR, PRICE, SHORT_WINDOW, SOME, TRIED
 from nas_data.gap.search.fit import Fit, find_label_joint, fit, group_moved_joints, is_effect_or_freed
-from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, reuse_jacobian
+from nas_data.gap.search.hypothesis import Description, Hypothesis, reuse_jacobian
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FREED_ONLY, FreeParameters, Label
 from nas_data.gap.search.screen import screen
-from nas_data.gap.search.search import AT_FLOOR, TRIED, Search
+from nas_data.gap.search.search import Search
 from nas_data.gap.search.share_gain import share_gain
 from nas_data.gap.side_by_side import map_in_parallel
 
-SHORT_WINDOW = 1.0  # [s] of the first fit; open-loop errors of a wrong model grow fast
 SHORT_STEPS = 8_000  # most physics steps of one rollout of short windows
 FACTORS = (1.0, 0.3, 0.1, 0.03)  # initial factors of all gains; filters take the first and the last
-CLEARLY = 0.1  # [nats per observation] (10 % of the errors) by which a start must beat the model
 NEARLY = 0.3  # [nats per observation] by which a start may be worse than the best and still be fitted
-INITIAL_SHARE = 0.1  # of a joint's scale: initial value of an effect that the model lacks
 FACTOR, ADDED, LOWERED = "factor", "added", "lowered"
 EFFECT_OF_PARAMETER = {  # effect: the equivalent freed parameter, and how its value is converted
     "servo_stiffness": ("gain", FACTOR),
@@ -42,14 +40,14 @@ LIMIT_EFFECTS = ("torque_limit", "command_delay")  # effects that a plain fit in
 
 def fit_plain(search: Search) -> Hypothesis:
     """Fit every smooth parameter of joints above the floor, then torque limits and a delay if they are worth it."""
-    return add_limits(search, fit_smooth(search))
+    return add_limits(search, refine_smooth(search, fit_smooth(search)))
 
 
 def fit_smooth(search: Search) -> Hypothesis:
     """Fit gain, damping, rotor inertia, dry and viscous friction, offset and filters of joints above the floor.
 
     Joints at the floor are not freed, because more freedom would fit noise. The fit begins on short windows from
-    several gains, and ends on the episodes of the search. The search continues with the objective of the fit.
+    several gains, and ends on the episodes of the search.
     """
     joints = search.find_joints_above_floor(search.null)
     if not joints:
@@ -70,8 +68,18 @@ def fit_smooth(search: Search) -> Hypothesis:
     if whole is None:
         return search.null
     plain = search.evaluate(description, whole)
-    if search.floor_ratios(plain).max() > AT_FLOOR:
-        plain = search.relinearise(plain)
+    search.report("plain fit", plain)
+    return plain
+
+
+def refine_smooth(search: Search, plain: Hypothesis) -> Hypothesis:
+    """Fit on while this improves a smooth fit above the floor, also with one factor on all gains.
+
+    The search continues with the objective of the fit.
+    """
+    if plain is search.null or search.floor_ratios(plain).max() <= AT_FLOOR:
+        return plain
+    plain = search.relinearise(plain)
     search.report("plain fit", plain)
     alike = share_gain(search, plain)
     if alike is not plain:
@@ -88,13 +96,13 @@ def describe_plain_fit(search: Search, joints: Collection[str]) -> Description:
     for joint in filter(joints.__contains__, nominal.joints):
         sizes = search.scales[nominal.joints.index(joint)]
         lacking = {
-            "coulomb_friction": ("torque", INITIAL_SHARE * sizes.torque, float(spec.joint(joint).frictionloss)),
+            "coulomb_friction": ("torque", SOME * sizes.torque, float(spec.joint(joint).frictionloss)),
             "viscous_friction": (
                 "coefficient",
-                INITIAL_SHARE * compute_natural_damping(sizes),
+                SOME * compute_natural_damping(sizes),
                 float(spec.joint(joint).damping[0]),
             ),
-            "rotor_inertia": ("inertia", INITIAL_SHARE * sizes.inertia, float(spec.joint(joint).armature)),
+            "rotor_inertia": ("inertia", SOME * sizes.inertia, float(spec.joint(joint).armature)),
         }
         effects += [make_effect(name, joint, {key: size}) for name, (key, size, own) in lacking.items() if own == 0]
         if read_servo_stiffness(spec, joint) > 0:
@@ -121,7 +129,7 @@ def fit_short_windows(search: Search, description: Description) -> Fit | None:
     observation = float(task.observations.sum()) * len(task.floor)
     misfits = np.array([task.misfit(rows) for rows in predicted]) / observation
     order = np.argsort(misfits)
-    if not misfits[order[0]] < misfits[0] - CLEARLY:
+    if not misfits[order[0]] < misfits[0] - SOME:
         return None
     best = [starts[number] for number in order[:TRIED] if misfits[number] < misfits[order[0]] + NEARLY]
     first = task.relinearise(parameters, best[0])

@@ -7,6 +7,16 @@ import numpy as np
 
 from nas_data.effects.base import Effect, Scales
 from nas_data.gap.floor import compute_floor_ratios
+from nas_data.gap.search.constants import (
+    AT_FLOOR,
+    FAR_BEHIND,
+    LEADERS,
+    LITTLE,
+    ODD_ERROR,
+    SEARCH_EPISODES,
+    SEARCH_ROWS,
+    TRIED,
+)
 from nas_data.gap.search.fit import Fit, evaluate_loss, fit, is_effect_or_freed, measure_jacobian, measure_moved_joints
 from nas_data.gap.search.hypothesis import (
     Description,
@@ -21,16 +31,6 @@ from nas_data.gap.search.scales import estimate_scales
 from nas_data.gap.search.screen import Candidate, Changes, screen
 from nas_data.gap.search.timestep import choose_timestep
 
-SEARCH_EPISODES = 6  # episodes of the search
-SEARCH_ROWS = 1800  # fewest rows of the search, for short episodes
-ODD_ERROR = 3.0  # times the median error of a joint above which an episode is added to the search
-MAX_ODD = 2  # most such episodes
-EXPLAINED = 1.5  # noise floors; a joint with a smaller held-out error is explained
-AT_FLOOR = 1.15  # noise floors; a joint with a smaller held-out error needs no effect
-FAR_BEHIND = 60.0  # [nats] difference that decides even between short fits or first-order estimates
-LITTLE = 0.05  # share of the total gain below which a further gain does not count
-TRIED = 3  # most alternatives that are fitted further
-ROUNDS = 3  # most repetitions of a move or fit
 SHOWN_PARTS = 3  # most effects and base parameters in a progress message
 SHOWN_JOINTS = 6  # joints up to which a progress message lists the rest of each
 
@@ -171,7 +171,7 @@ class Search:
         the valley of the other parameters. If much changes, the bounded base parameters also restart at the model's
         values, since they had compensated for the missing effect.
         """
-        for _ in range(ROUNDS):
+        for _ in range(TRIED):
             better = self.fit_round(h)
             gained = self.null.score.over(better.score)
             if self.rescore(h).score.over(better.score) < max(FAR_BEHIND, LITTLE * gained):
@@ -304,5 +304,5 @@ def choose_episodes(task: FitTask) -> np.ndarray:
     squares = task.floor**2 + task.evidence.mean_squares(task.nominal.predict(task.evidence))
     oddness = np.sqrt((squares / np.median(squares, axis=0)).max(axis=1))
     oddness[even] = 0.0
-    odd = [episode for episode in np.argsort(-oddness)[:MAX_ODD] if oddness[episode] > ODD_ERROR]
+    odd = [episode for episode in np.argsort(-oddness)[:LEADERS] if oddness[episode] > ODD_ERROR]
     return np.sort(np.concatenate([even, np.array(odd, dtype=int)]))

@@ -1,13 +1,12 @@
 """Tie-break between hypotheses with similar scores, on all training episodes."""
 
+from nas_data.gap.search.constants import PRICE
 from nas_data.gap.search.final import measure_columns
 from nas_data.gap.search.fit import Fit, fit
 from nas_data.gap.search.hypothesis import Hypothesis, reuse_jacobian
 from nas_data.gap.search.moves.replace_by_rival import fit_rivals, select_doubted
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.search import Search
-
-NEAR = 8.0  # [nats] difference on the episodes of the search up to which all training episodes decide
 
 
 def break_tie(search: Search, train: FitTask, kept: Hypothesis) -> Hypothesis:
@@ -19,7 +18,7 @@ def break_tie(search: Search, train: FitTask, kept: Hypothesis) -> Hypothesis:
         rival
         for number in select_doubted(search, kept)
         for rival in fit_rivals(search, kept, number)
-        if rival.score.over(kept.score) < NEAR
+        if rival.score.over(kept.score) < PRICE
     ]
     if not near:
         return kept

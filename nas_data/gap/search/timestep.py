@@ -1,10 +1,9 @@
 """Choice between the model's own physics steps and finer ones for a recording."""
 
 from nas_data.gap.nominal import find_fine_timestep
+from nas_data.gap.search.constants import PRICE
 from nas_data.gap.search.fit import Fit, fit
 from nas_data.gap.search.objective import FitTask
-
-MARGIN = 10.0  # [nats] by which the model's own steps must be better; reality has no steps
 
 
 def choose_timestep(task: FitTask, found: Fit) -> tuple[FitTask, Fit]:
@@ -21,4 +20,4 @@ def choose_timestep(task: FitTask, found: Fit) -> tuple[FitTask, Fit]:
     if here is None or there is None:
         return task, found
     ahead = here.loss.over(there.loss)
-    return (other, there) if ahead > (MARGIN if task.fine else -MARGIN) else (task, here)
+    return (other, there) if ahead > (PRICE if task.fine else -PRICE) else (task, here)

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 
 from nas_data.count_of import count_of
+from nas_data.gap.search.constants import EXPLAINED, FAR_BEHIND, LEADERS, PARAMETER_PRICE, PRICE, SHORTLIST, TRIED
 from nas_data.gap.search.fit import Fit
 from nas_data.gap.search.hypothesis import (
-    PRICE,
     Description,
     Hypothesis,
     can_free_base_parameter,
@@ -13,16 +13,8 @@ from nas_data.gap.search.hypothesis import (
 )
 from nas_data.gap.search.moves import optional_parameters
 from nas_data.gap.search.screen import Candidate
-from nas_data.gap.search.search import FAR_BEHIND, TRIED, Search
+from nas_data.gap.search.search import Search
 from nas_data.gap.side_by_side import map_in_parallel
-
-BUNDLED = 2  # kinds of effects that are tried in all joints at once
-UNRESOLVED = 2.0  # noise floors above which every effect of a joint is fitted before the search ends
-MAX_WORST_JOINTS = 2  # joints of which every effect is then fitted
-MIN_GAIN = 2.5  # [nats] smallest first-order gain on every other episode of a candidate that is fitted
-SLACK = 30.0  # [nats] allowed error of the first order around the unfitted model
-SHORTLIST = 6  # screened candidates that are fitted
-LOOKED_AHEAD = 2  # hypotheses with one effect in several joints that are extended by one more effect
 
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
@@ -64,7 +56,7 @@ def extend(search: Search, kept: Hypothesis, around: Fit) -> list[Hypothesis]:
     search.say(f"  screening every effect at {', '.join(sorted(wanted)) or 'no joint'}")
     found, kept_loss = search.screen_candidates(around, kept, wanted)
     search.say(f"  fitting the best of {count_of(len(found), 'candidate')}")
-    chosen = shortlist(found, kept_loss.nats - MIN_GAIN, SLACK if around is search.nominal.fit else 0.0)
+    chosen = shortlist(found, kept_loss.nats - PARAMETER_PRICE, FAR_BEHIND if around is search.nominal.fit else 0.0)
     chosen += [c for c in found if c not in chosen and can_free_base_parameter(kept, c.effect)]
     ranked = fit_candidates(search, kept, around, chosen)
     ranked = sorted(
@@ -99,8 +91,8 @@ def fit_worst_joints(search: Search, kept: Hypothesis) -> list[Hypothesis]:
     enough.
     """
     rest = zip(search.floor_ratios(kept), search.train.nominal.joints, strict=True)
-    left = sorted(((r, joint) for r, joint in rest if r > UNRESOLVED and joint in search.excited), reverse=True)
-    worst = {joint for _, joint in left[:MAX_WORST_JOINTS]}
+    left = sorted(((r, joint) for r, joint in rest if r > EXPLAINED and joint in search.excited), reverse=True)
+    worst = {joint for _, joint in left[:LEADERS]}
     if not worst:
         return []
     found, _ = search.screen_candidates(kept.fit, kept, worst)
@@ -142,7 +134,7 @@ def extend_all_joints(
     """Fit the best effects in all joints at once, because servos of one make often lack the same effect."""
     names = dict.fromkeys(h.effects[-1].name() for h in ranked if h.effects[-1].joint and h.score < kept.score)
     useful = [c for c in found if c.effect.joint and c.loss.nats < kept_loss - PRICE]
-    alike = [[c for c in useful if c.effect.name() == name] for name in list(names)[:BUNDLED]]
+    alike = [[c for c in useful if c.effect.name() == name] for name in list(names)[:LEADERS]]
     fitted = []
     for group in alike:
         if len(group) > 1:
@@ -159,8 +151,8 @@ def look_ahead(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis]) -
     soft servo needs friction beside it before it explains what a dead band explains alone. Nothing is done if a
     hypothesis already explains every joint.
     """
-    several = [h for h in ranked if len(h.effects) > len(kept.effects) + 1 and h.score < kept.score][:LOOKED_AHEAD]
-    if len(several) < LOOKED_AHEAD or ranked[0] is not several[0] or not search.find_joints_above_floor(ranked[0]):
+    several = [h for h in ranked if len(h.effects) > len(kept.effects) + 1 and h.score < kept.score][:LEADERS]
+    if len(several) < LEADERS or ranked[0] is not several[0] or not search.find_joints_above_floor(ranked[0]):
         return list(ranked)
     leads = [min([h, *extend(search, h, h.fit)], key=lambda one: one.score) for h in several]
     best = min(leads, key=lambda one: one.score)

@@ -7,16 +7,14 @@ import numpy as np
 from nas_data.count_of import count_of
 from nas_data.effects.base import Effect
 from nas_data.gap.nominal_parameters import NominalParameter, read_own_value
+from nas_data.gap.search.constants import FAR_BEHIND, MANY, PRICE, SHORTLIST
 from nas_data.gap.search.fit import MAX_STEP, build_normal_equations
-from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, compute_effect_price, effect_key
+from nas_data.gap.search.hypothesis import Description, Hypothesis, compute_effect_price, effect_key
 from nas_data.gap.search.parameters import SIGNED_SCALE, FreeParameters
 from nas_data.gap.search.plain_fit import EFFECT_OF_PARAMETER, convert_to_factor
 from nas_data.gap.search.screen import average_scales
-from nas_data.gap.search.search import FAR_BEHIND, Search
+from nas_data.gap.search.search import Search
 from nas_data.gap.side_by_side import map_in_parallel
-
-MAX_REFITTED = 6  # parts of lowest saliency without which the rest is fitted
-MANY = 8  # parts above which several are dropped at a time
 
 Part = Effect | str
 
@@ -42,7 +40,7 @@ def drop_one(search: Search, h: Hypothesis) -> Hypothesis:
     """
     search.say(f"  dropping one of {count_of(len(list_parts(h)), 'part')}, if one is not worth its price")
     losses = estimate_losses(search, h)
-    order = sorted(losses, key=lambda part: losses[part])[:MAX_REFITTED]
+    order = sorted(losses, key=lambda part: losses[part])[:SHORTLIST]
     doubted = [order[0], *(part for part in order[1:] if losses[part] < FAR_BEHIND)]  # estimates are inaccurate
     found = map_in_parallel(lambda part: fit_without(search, h, [part]), doubted)
     sound = {part: one for part, one in zip(doubted, found, strict=True) if one is not None and one.is_finite}

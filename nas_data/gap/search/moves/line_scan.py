@@ -6,20 +6,19 @@ from functools import partial
 
 import numpy as np
 
+from nas_data.gap.search.constants import PRICE, SOME, TRIED, UNEXPLAINED
 from nas_data.gap.search.fit import Fit, evaluate_loss
-from nas_data.gap.search.hypothesis import PRICE, Hypothesis
+from nas_data.gap.search.hypothesis import Hypothesis
 from nas_data.gap.search.objective import FitTask, Score
 from nas_data.gap.search.parameters import FreeParameters
-from nas_data.gap.search.search import ROUNDS, Search
+from nas_data.gap.search.search import Search
 from nas_data.gap.side_by_side import map_in_parallel
 from nas_data.simulators.initial_states import InitialLoad
 
-UNEXPLAINED = 5.0  # noise floors above which a joint is far from explained
 # Spacing and half range of scans, in logarithms. The first covers a tenth to ten times of a value at the spacing of the
 # local minima in a play's width; the next refine the best value.
 SCANS = ((0.14, 2.4), (0.02, 0.16), (0.004, 0.024))
 PERTURBATION = 1e-4  # [rad] of initial positions, below encoder resolution, to test for chaos
-CHAOTIC = 0.1  # change of rollouts over their errors above which the arm is chaotic
 
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
@@ -87,7 +86,7 @@ def is_chaotic(task: FitTask, h: Hypothesis) -> bool:
     one, other = (each.predict(h.fit.parameters, h.fit.theta) for each in (task, nudged))
     if one is None or other is None:
         return False
-    return float(np.square(other - one).mean()) > CHAOTIC**2 * float(task.evidence.mean_squares(one).mean())
+    return float(np.square(other - one).mean()) > SOME**2 * float(task.evidence.mean_squares(one).mean())
 
 
 def scan(
@@ -100,7 +99,7 @@ def scan(
     """Return the best θ of scans along single parameters, repeated while they gain enough, and its loss."""
     best, reached = theta, evaluate_loss(task, parameters, theta)
     for apart, reach in scans:
-        for _ in range(ROUNDS):
+        for _ in range(TRIED):
             before = reached
             for column in columns:
                 places = vary_column(parameters, best, column, np.arange(-reach, reach + apart, apart))

@@ -1,13 +1,12 @@
 """Replace several parts by one effect, because several smooth parameters may compensate for one cause."""
 
+from nas_data.gap.search.constants import FAR_BEHIND, MUCH, TRIED
 from nas_data.gap.search.hypothesis import Description, Hypothesis
 from nas_data.gap.search.moves.add import add_candidate
 from nas_data.gap.search.moves.drop import find_part_joint, list_parts
 from nas_data.gap.search.screen import Candidate
-from nas_data.gap.search.search import FAR_BEHIND, TRIED, Search
+from nas_data.gap.search.search import Search
 from nas_data.gap.side_by_side import map_in_parallel
-
-NEAR = 0.5  # share of the parts' gain by which a first-order estimate may be worse; it is far off for a strong effect
 
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
@@ -32,7 +31,7 @@ def replace_parts(search: Search, h: Hypothesis, joint: str | None) -> Hypothesi
     if rest is None:
         return h
     found, kept_loss = search.screen_candidates(rest.fit, h, {joint} if joint else set())
-    far = max(FAR_BEHIND, NEAR * rest.score.over(h.score))
+    far = max(FAR_BEHIND, MUCH * rest.score.over(h.score))
     near = [c for c in found if c.effect.joint == joint and c.loss.over(kept_loss) < far][:TRIED]
 
     def fit_instead(candidate: Candidate) -> Hypothesis | None:

@@ -5,12 +5,11 @@ from collections.abc import Sequence
 from nas_data import registry
 from nas_data.count_of import count_of
 from nas_data.effects.base import Effect, find_effect
+from nas_data.gap.search.constants import FAR_BEHIND, LEADERS, MANY, TRIED
 from nas_data.gap.search.hypothesis import Hypothesis, effect_key
-from nas_data.gap.search.moves.drop import MANY, estimate_losses
-from nas_data.gap.search.search import FAR_BEHIND, ROUNDS, TRIED, Search
+from nas_data.gap.search.moves.drop import estimate_losses
+from nas_data.gap.search.search import Search
 from nas_data.gap.side_by_side import map_in_parallel
-
-HOOK_RIVALS = 2  # rivals of the other form (model file or hook) among those of an effect
 
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
@@ -23,7 +22,7 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
     numbers = select_doubted(search, h)
     search.say(f"  letting {len(numbers)} of {count_of(len(h.effects), 'effect')} face rivals")
     add_rivals(search, h, numbers)
-    for _ in range(ROUNDS):
+    for _ in range(TRIED):
         found = find_better_rival(search, h, select_doubted(search, h))
         if found is None:
             return h
@@ -73,7 +72,7 @@ def add_rivals(search: Search, h: Hypothesis, numbers: Sequence[int]) -> None:
         others = [c.effect for c in near if effect_key(c.effect) not in met]
         known.extend(others[: TRIED - len(known)])
         hooked = [other for other in others if other.in_model != effect.in_model and is_confusable(effect, other)]
-        known[:0] = [other for other in hooked if other not in known][:HOOK_RIVALS]
+        known[:0] = [other for other in hooked if other not in known][:LEADERS]
 
 
 def find_other_forms(effect: Effect) -> list[type[Effect]]:
@@ -105,4 +104,4 @@ def list_rivals(search: Search, effect: Effect, others: Sequence[Effect]) -> lis
             result.append(rival)
     if len(others) >= MANY:
         return result[:1]
-    return result[: TRIED if effect.in_model else TRIED + HOOK_RIVALS]
+    return result[: TRIED if effect.in_model else TRIED + LEADERS]

@@ -3,11 +3,10 @@
 from collections.abc import Container
 
 from nas_data.effects.base import Effect, find_effect, make_effect
+from nas_data.gap.search.constants import LEADERS
 from nas_data.gap.search.hypothesis import Hypothesis, effect_key
 from nas_data.gap.search.moves.add import add_candidate
 from nas_data.gap.search.search import Search
-
-SIMPLER = 2  # special cases that are tried in place of an effect
 
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
@@ -52,7 +51,7 @@ def replace_by_simpler(search: Search, h: Hypothesis, number: int, names: Contai
     if rest is None or joint is None:
         return []
     found, _ = search.screen_candidates(rest.fit, rest, {joint})
-    chosen = [c for c in found if c.effect.name() in names and c.effect.joint == joint][:SIMPLER]
+    chosen = [c for c in found if c.effect.name() in names and c.effect.joint == joint][:LEADERS]
     fitted = [
         search.fit_description(
             add_candidate(rest, rest.fit, c), rest.fit.parameters.factors_at(c.theta), rest.fit, jacobian_refreshes=1

@@ -2,15 +2,12 @@
 
 from functools import partial
 
+from nas_data.gap.search.constants import AT_FLOOR, FAR_BEHIND, MANY, TRIED
 from nas_data.gap.search.hypothesis import Hypothesis, can_free_base_parameter, effect_key, find_joints_beyond_prior
 from nas_data.gap.search.moves.add import add_candidate
 from nas_data.gap.search.screen import Candidate
-from nas_data.gap.search.search import FAR_BEHIND, TRIED, Search
+from nas_data.gap.search.search import Search
 from nas_data.gap.side_by_side import map_in_parallel
-
-UNSATISFIED = 1.25  # noise floors above which other effects are tried in a joint
-MANY = 8  # effects above which only the most doubtful one is replaced
-SWAPPED = 4  # effects that are tried in place of one
 
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
@@ -27,7 +24,7 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
         )
         found = [c for c in found if c.effect_key != effect_key(effect)]
         own = [c for c in found if can_free_base_parameter(h, c.effect)]
-        near = [c for c in found if c.effect.joint and effect.joint][:SWAPPED]
+        near = [c for c in found if c.effect.joint and effect.joint][:TRIED]
         others = [c for c in near if c.loss.over(kept_loss) < FAR_BEHIND and c not in own] + own
         quick = map_in_parallel(partial(fit_briefly, search, rest), others)
         ranked = sorted((o for o in quick if o and not search.ends_with_equivalent(o)), key=lambda other: other.score)
@@ -49,9 +46,7 @@ def find_doubtful(search: Search, h: Hypothesis) -> list[int]:
         find_joints_beyond_prior(h),
     )
     own = [(rest.get(effect.joint or "", 0.0), effect.joint, number) for number, effect in enumerate(h.effects)]
-    above = [
-        (left, number) for left, joint, number in own if left > UNSATISFIED or joint in bent or (bent and not joint)
-    ]
+    above = [(left, number) for left, joint, number in own if left > AT_FLOOR or joint in bent or (bent and not joint)]
     return [number for _, number in sorted(above, reverse=True)[: TRIED if len(h.effects) <= MANY else 1]]
 
 
