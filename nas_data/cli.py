@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from nas_data import __version__
 from nas_data.errors import NasError, OptionError
+from nas_data.log import logger, show
 from nas_data.visible_files import list_visible_files
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def fail(message: str, as_json: bool) -> int:
     """Say one sentence on stderr (and in JSON where asked for) and return exit code 2."""
     if as_json:
         print(json.dumps({"error": message}))
-    print(f"nas: {message}", file=sys.stderr)
+    logger.error(f"nas: {message}")
     return 2
 
 
@@ -99,6 +100,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal whose locale lacks φ gets "?" instead, and every result
+    show()
     try:
         return answer(list(sys.argv[1:] if arguments is None else arguments))
     except BrokenPipeError:

@@ -1,6 +1,5 @@
 """Pairing: what the source predicts for every measured transition, in batched rollouts."""
 
-import sys
 from dataclasses import replace
 
 import mujoco
@@ -23,11 +22,11 @@ from nas_data.dataset.features import (
 from nas_data.dataset.start_velocities import find_start_velocities
 from nas_data.errors import JointMismatch
 from nas_data.joint_units import compute_angle_scales, find_joint_unit
+from nas_data.log import warn, warn_once
 from nas_data.robots.base import URDF, Robot
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.lock_joints import refuse_ground_contact
 from nas_data.simulators.mujoco import MujocoSimulator
-from nas_data.warn_once import say_once
 
 ACTUATORS = {POSITION: "a <position>", VELOCITY: "a <velocity>", EFFORT: "a <motor>"}
 POSTURES = 100  # in which is looked whether a robot whose base is held stands on something
@@ -89,7 +88,7 @@ def with_model_units(dataset: Dataset, simulator: Simulator) -> Dataset:
     if not wrong:
         return dataset
     if any(dataset.features[STATE].units):
-        say_once(f"the dataset calls {', '.join(wrong)} an angle, the model a slide: taken as metres and newtons")
+        warn_once(f"the dataset calls {', '.join(wrong)} an angle, the model a slide: taken as metres and newtons")
     state = make_state_feature(dataset.joints, simulator.slides)
     command = make_action_feature(dataset.joints, simulator.kinds, simulator.slides)
     known = {STATE: state, ACTION: command, NEXT_STATE: state, SIM_STATE: state}
@@ -184,7 +183,7 @@ def check_source(dataset: Dataset, simulator: Simulator) -> None:
 
 
 def warn_of_ranges(dataset: Dataset, model: mujoco.MjModel) -> list[str]:
-    """Say on stderr of each joint whose range the measured positions leave that the model may be wrong.
+    """Warn of each joint whose range the measured positions leave that the model may be wrong.
 
     Args:
         dataset: Transitions with 2n-states, n joints that the model has.
@@ -208,8 +207,7 @@ def warn_of_ranges(dataset: Dataset, model: mujoco.MjModel) -> list[str]:
                 f"measured positions of {joint} reach {furthest:.3g} {unit}, outside the model's range "
                 f"{low:.3g} to {high:.3g} {unit}; is the model in {right}?"
             )
-    for warning in found:
-        print(f"nas: warning: {warning}", file=sys.stderr)
+    warn(found)
     return found
 
 

@@ -9,6 +9,7 @@ from hypothesis import settings
 from support.command_samples import Place, furnish
 from support.recording_samples import paired_pendulum
 
+from nas_data import log
 from nas_data.dataset.dataset import Dataset
 from nas_data.recorders import watchdog
 from nas_data.runs import code_hash
@@ -22,6 +23,12 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     """Skip what needs PyBullet where it is not installed: for Python 3.12 it is an extra."""
     if item.get_closest_marker("bullet"):
         pytest.importorskip("pybullet", reason="PyBullet is not installed")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def shown_log() -> None:
+    """Show the log on stderr as the program does, also of the functions that tests call."""
+    log.show()
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -9,9 +9,9 @@ from pathlib import Path
 from nas_data.api.arguments import Actuators, Count, Progress, as_dataset, as_optional_model, count_aloud, find_folder
 from nas_data.api.learned import LearnedModel
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.foreign import warn
 from nas_data.dataset.origin import kept_folders
 from nas_data.errors import ModelFileError, NasError, OptionError
+from nas_data.log import warn
 from nas_data.models import checkpoint
 from nas_data.models.evaluation import PLAIN, Evaluation
 from nas_data.models.evaluation import evaluate as evaluate_predictors

@@ -9,7 +9,6 @@ from nas_data.api.arguments import Progress
 from nas_data.dataset.cutting import cut_every
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import subtasks
-from nas_data.dataset.foreign import warn
 from nas_data.dataset.origin import Origin
 from nas_data.dataset.versions import resolve
 from nas_data.errors import LogError, OptionError
@@ -25,6 +24,7 @@ from nas_data.importing.lerobot import (
 from nas_data.importing.map import Map
 from nas_data.importing.map_file import load_map, parse_map
 from nas_data.importing.section import MapSection
+from nas_data.log import warn
 from nas_data.recorders.logs import Import
 from nas_data.recorders.logs import import_logs as import_by_map
 from nas_data.runs.progress import silence

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from nas_data.api.arguments import Actuators, as_dataset, as_model, as_named
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.foreign import warn
 from nas_data.dataset.origin import Origin
 from nas_data.dataset.provenance import format_current_time, read_package_versions
 from nas_data.effects.base import Effect, parse
 from nas_data.errors import NasError
 from nas_data.gap.report import GapReport
+from nas_data.log import warn
 from nas_data.pairing import describe_missing_objects, warn_of_ranges
 from nas_data.pairing import pair as pair_with
 from nas_data.robots.base import Robot, find_robot

@@ -31,7 +31,7 @@ from nas_data.recorders.guarded import Setup
 from nas_data.recorders.schedule import MonotonicClock, SteppedClock
 from nas_data.recorders.stopping import stop_on_signals
 from nas_data.recorders.under_way import SAVING
-from nas_data.runs.progress import Remaining, say
+from nas_data.runs.progress import Counting, say
 
 if TYPE_CHECKING:
     from nas_data.commands.policy_evaluate import PolicyEvaluate
@@ -88,14 +88,14 @@ class OnArm:
         """Roll out the episodes that are not saved yet; return the scores of all episodes."""
         task, stepper = on
         scores, turns = list(saved.scores) if saved else [], plan.turns()
-        progress = Remaining(len(scores), len(turns))
+        count = Counting("rolled out")
         for policy, seed in turns[len(scores) :]:
+            count(len(scores), len(turns))
             bouts, judgement = roll_out_on_arm(task, stepper, policy, seed)
             if saved:
                 stepper.extend_deadline(SAVING)
                 saved.save(bouts, judgement)
             scores.append(judgement.score())
-            progress(len(scores))
         return scores
 
     @contextmanager

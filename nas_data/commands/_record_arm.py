@@ -11,7 +11,7 @@ import tyro
 from nas_data.commands.base import Command, CommandResult
 from nas_data.count_of import count_of
 from nas_data.errors import OptionError
-from nas_data.runs.progress import Counting, Remaining, say
+from nas_data.runs.progress import Counting, say
 
 if TYPE_CHECKING:
     from nas_data.dataset.incremental_writer import IncrementalWriter
@@ -131,9 +131,10 @@ class RecordArm(Command):
             plan, provenance = self._plan(growing, protocol, restrict_to_arm(robot, driver)), self._provenance(protocol)
             job = Job(setup=setup, plan=plan, hot=self.hot, provenance=provenance)
             clock = SteppedClock() if self.lockstep else MonotonicClock()
-            progress = Remaining(growing.episodes, len(job.plan.commands), "saved ")
+            count, wanted = Counting("saved"), len(plan.commands)
+            count(growing.episodes, wanted)
             recording = RecordingJob(job, growing, clock, say)
-            recording.run(lambda saved, warmest: progress(saved, f", servos up to {warmest:.0f} °C"))
+            recording.run(lambda saved, warmest: count(saved, wanted, f"servos up to {warmest:.0f} °C"))
 
     def _plan(self, growing: "IncrementalWriter", protocol: "PlaybackProtocol", robot: "Robot") -> "MotionPlan":
         """Return the plan of the recording; a resumed recording must have the same plan.

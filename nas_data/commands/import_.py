@@ -9,13 +9,12 @@ import tyro
 
 from nas_data.commands.base import Command, CommandResult
 from nas_data.count_of import count_of
-from nas_data.runs.progress import Calm, say
+from nas_data.runs.progress import PAUSE, Calm, say
 
 if TYPE_CHECKING:
     from nas_data.dataset.audits.base import AuditFinding
     from nas_data.recorders.logs import Import
 
-PATIENCE = 2.0  # [s] after which progress is shown
 SHOWN = 3  # findings of one kind that are printed in full
 
 
@@ -73,7 +72,7 @@ class ImportLogs(Command):
             rate=self.rate,
             uniform=self.uniform,
             cut=self.cut,
-            progress=Calm(lambda what: say(f"reading {what}"), pause=0.0, first=PATIENCE),
+            progress=Calm(lambda what: say(f"reading {what}"), first=PAUSE),
         )
         imported = read_logs(request)
         result, name = imported.result, self.name or imported.name

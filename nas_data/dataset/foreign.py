@@ -4,7 +4,6 @@ Datasets that nas recorded or imported were audited then.
 """
 
 import shlex
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -105,9 +104,3 @@ def format_warnings(findings: Sequence[AuditFinding]) -> tuple[str, ...]:
         f"in {members[0].file} {members[0].what}" + (f" (and {len(members) - 1} more like this)" if members[1:] else "")
         for members in kinds.values()
     )
-
-
-def warn(warnings: Sequence[str]) -> None:
-    """Print warnings on stderr."""
-    for warning in warnings:
-        print(f"nas: warning: {warning}", file=sys.stderr)

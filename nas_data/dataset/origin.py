@@ -32,7 +32,7 @@ from nas_data.dataset.features import (
     make_state_feature,
     make_time_feature,
 )
-from nas_data.dataset.foreign import format_warnings, take_in, warn
+from nas_data.dataset.foreign import format_warnings, take_in
 from nas_data.dataset.joints import REMEDY
 from nas_data.dataset.layout import PROVENANCE
 from nas_data.dataset.provenance import Parent, Provenance, format_current_time, read_package_versions, read_provenance
@@ -41,6 +41,7 @@ from nas_data.dataset.recording import extract_recordings
 from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.write import encode_json
 from nas_data.errors import DatasetInvalid, JointMismatch, OptionError
+from nas_data.log import warn
 
 if TYPE_CHECKING:
     import pandas

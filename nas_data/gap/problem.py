@@ -5,7 +5,7 @@ from pathlib import Path
 
 from nas_data.count_of import count_of
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.foreign import take_in, warn
+from nas_data.dataset.foreign import take_in
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import resolve
 from nas_data.errors import DatasetInvalid
@@ -16,6 +16,7 @@ from nas_data.gap.gains import with_relative_gains
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.overlaps import Overlap, exclude_contacts, find_overlaps
 from nas_data.gap.search.objective import FitTask
+from nas_data.log import warn
 from nas_data.pairing import check_fits, warn_of_ranges
 
 TRAIN_STEPS = 120_000  # most physics steps of one rollout of all training episodes, about 0.5 s

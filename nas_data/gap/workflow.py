@@ -30,26 +30,21 @@ from nas_data.gap.write_model import write_difference, write_effects
 from nas_data.joint_units import average_by_kind
 from nas_data.mjcf.export import check_portable
 from nas_data.robots.base import TORQUES
+from nas_data.runs.progress import Report, silence
 from nas_data.typed_json import from_json
 
 EXPERIMENT = "next_experiment.csv"
 
-Say = Callable[[str], None]
-
-
-def ignore(text: str) -> None:
-    """Discard a progress message."""
-
 
 def investigate(
-    dataset: str | Path, model: str | Path, out: str | Path, say: Say = ignore, learn: int = 0
+    dataset: str | Path, model: str | Path, out: str | Path, say: Report = silence, learn: int = 0
 ) -> GapReport:
     """Run the workflow on a dataset's folder; see `investigate_problem`."""
     return investigate_problem(lambda: Problem.load(dataset, model), model, out, say, learn)
 
 
 def investigate_problem(
-    load: Callable[[], Problem], model: str | Path, out: str | Path, say: Say = ignore, learn: int = 0
+    load: Callable[[], Problem], model: str | Path, out: str | Path, say: Report = silence, learn: int = 0
 ) -> GapReport:
     """Run the workflow.
 
@@ -80,7 +75,7 @@ def investigate_problem(
 
 
 def name_and_report(
-    problem: Problem, found: GapFindings, folder: Path, began: float, say: Say, learn: int
+    problem: Problem, found: GapFindings, folder: Path, began: float, say: Report, learn: int
 ) -> GapReport:
     """Name effects, write and score the model, and write the report."""
     if found.undecidable:
@@ -120,7 +115,7 @@ def record_origin(problem: Problem, folder: Path, learn: int) -> MadeFrom:
     )
 
 
-def deliver(problem: Problem, naming: Naming, folder: Path, say: Say) -> tuple[Naming, HeldOutResult]:
+def deliver(problem: Problem, naming: Naming, folder: Path, say: Report) -> tuple[Naming, HeldOutResult]:
     """Write the model with the named effects, or a better one if the plain fit or given model predicts better.
 
     The file of the named effects is accepted if it reaches the noise floor, or the better of plain fit and given model.
@@ -190,7 +185,7 @@ def rms(evidence: EpisodeBatch, predicted: np.ndarray, scales: np.ndarray) -> fl
     return float(np.sqrt((evidence.mean_squares(predicted) / scales**2).mean()))
 
 
-def train_on_top(problem: Problem, model: Path, updates: int, say: Say) -> Mapping[str, float]:
+def train_on_top(problem: Problem, model: Path, updates: int, say: Report) -> Mapping[str, float]:
     """Train φ on the written model; torch is imported here only."""
     from nas_data.gap.learned import measure_learned_shares
 
@@ -200,7 +195,7 @@ def train_on_top(problem: Problem, model: Path, updates: int, say: Say) -> Mappi
     )
 
 
-def propose_experiment(problem: Problem, naming: Naming, folder: Path, say: Say = ignore) -> Proposal:
+def propose_experiment(problem: Problem, naming: Naming, folder: Path, say: Report = silence) -> Proposal:
     """Write the commands of the experiment that decides the least certain name, and describe it."""
     rival = naming.least_sure_rival
     if rival is None:

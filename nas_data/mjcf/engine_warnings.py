@@ -1,12 +1,13 @@
 """Capture of MuJoCo's warnings, which MuJoCo would otherwise print and write to MUJOCO_LOG.TXT."""
 
-import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import mujoco
+
+from nas_data.log import logger
 
 UNSTABLE = "unstable"  # word in the warnings after which MuJoCo resets a simulation
 
@@ -64,15 +65,15 @@ def collect_warnings() -> Iterator[list[str]]:
 
 @contextmanager
 def collect_instability() -> Iterator[list[str]]:
-    """Collect warnings of unstable simulations inside the block; print the others on stderr."""
+    """Collect warnings of unstable simulations inside the block; log the others."""
     unstable: list[str] = []
     with collect_warnings() as warnings:
         yield unstable
     unstable += [warning for warning in warnings if UNSTABLE in warning]
-    print_warnings(warnings)
+    log_warnings(warnings)
 
 
-def print_warnings(warnings: Iterable[str]) -> None:
-    """Print each different warning once on stderr, except those of unstable simulations."""
+def log_warnings(warnings: Iterable[str]) -> None:
+    """Log each different warning once, except those of unstable simulations."""
     for warning in sorted({warning for warning in warnings if UNSTABLE not in warning}):
-        print(f"MuJoCo: {warning}", file=sys.stderr)
+        logger.warning(f"MuJoCo: {warning}")

@@ -3,10 +3,8 @@
 import codecs
 import hashlib
 import re
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import TypedDict
 
@@ -14,13 +12,13 @@ import mujoco
 
 from nas_data import registry
 from nas_data.errors import ModelFileError, UnknownName
+from nas_data.log import warn_once
 from nas_data.mjcf.actuator_lookup import find_driven_joint
 from nas_data.mjcf.check_angle_units import check_angle_units
 from nas_data.mjcf.default_servos import add_position_servos, add_torque_motors, find_motor_joints
-from nas_data.mjcf.engine_warnings import collect_warnings, print_warnings
+from nas_data.mjcf.engine_warnings import collect_warnings, log_warnings
 from nas_data.mjcf.floating_base import find_floating_bases, fix_bases
 from nas_data.visible_files import list_visible_files
-from nas_data.warn_once import say_once
 
 FOLDER = Path(__file__).parent
 MISSING = re.compile(r"Error opening file '([^']+)'")  # MuJoCo's error for meshes, textures and included files
@@ -93,7 +91,7 @@ def read_spec(path: Path) -> mujoco.MjSpec:
         raise ModelFileError(_explain_error(path, " ".join(str(error).split()).rstrip("."))) from None
     if any(NOT_A_NUMBER in warning for warning in warnings):
         raise ModelFileError(f"{path} gives NaN where a number should stand{_locate_nan(path)}; put a number there.")
-    print_warnings(warnings)
+    log_warnings(warnings)
     return spec
 
 
@@ -144,17 +142,6 @@ def find_deepest_joint(spec: mujoco.MjSpec, joints: Sequence[str]) -> str:
         return count
 
     return max(reversed(joints), key=depth)
-
-
-@cache
-def note_fixed_bases(path: Path, bases: tuple[str, ...]) -> None:
-    """Print a note, once per model, that floating bases are fixed."""
-    names = ", ".join(f"'{base}'" for base in bases)
-    print(
-        f"nas: note: the base {names} of {path} is free to fall, and no joint tells where it is: it is held where the "
-        "model has it, as if the robot hung there.",
-        file=sys.stderr,
-    )
 
 
 def list_slide_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
@@ -234,14 +221,18 @@ def find_robot(name_or_path: str | Path) -> Robot:
         spec = read_spec(path)
         own = read_constants(spec, path)
         for doubt in check_angle_units(path, spec.compile(), bool(spec.compiler.degree)):
-            say_once(doubt)
+            warn_once(doubt)
         if path.suffix == URDF and (joints := find_motor_joints(spec)):
             return Robot(name=path.stem, mjcf=path, joints=joints, edit=add_actuators, **own)
         joints = list_actuated_joints(spec)
         if not joints:
             raise ModelFileError(f"{path} has no actuator that drives a joint; add <position joint=…> actuators.")
         if bases := find_floating_bases(spec):
-            note_fixed_bases(path, bases)
+            names = ", ".join(f"'{base}'" for base in bases)
+            warn_once(
+                f"the base {names} of {path} is free to fall, and no joint tells where it is: it is held where the "
+                "model has it, as if the robot hung there."
+            )
             return Robot(name=path.stem, mjcf=path, joints=joints, edit=fix_bases, bases=bases, **own)
         return Robot(name=path.stem, mjcf=path, joints=joints, **own)
     raise UnknownName("robot", given, list_robot_names())

@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT.name
 # They store, refuse, show or tell.
 APART = (
-    "cli", "commands", "dataset", "errors", "gap.showing", "mjcf.engine_warnings", "registry", "reports",
+    "cli", "commands", "dataset", "errors", "gap.showing", "log", "mjcf.engine_warnings", "registry", "reports",
     "runs.environment_info", "runs.progress", "whole_file",
 )  # fmt: skip
 # Each of their functions imports what one option needs. Whoever asks for a hash names the options that are taken.

@@ -11,6 +11,7 @@ from typing import TypeVar
 
 from nas_data.count_of import count_of
 from nas_data.errors import JobsFailed, NasError, WorkerLost
+from nas_data.log import logger, show
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -114,7 +115,7 @@ def run_all(
 def make_process_pool(workers: int) -> Executor:
     """Return a pool of single-threaded processes."""
     context = multiprocessing.get_context("spawn")  # a fork would inherit locks of torch's and MuJoCo's threads
-    return ProcessPoolExecutor(workers, mp_context=context, initializer=prepare_worker)
+    return ProcessPoolExecutor(workers, mp_context=context, initializer=prepare_worker, initargs=(logger.level,))
 
 
 def run_here(function: Callable[[Job], Result], job: Job) -> Future[Result]:
@@ -127,8 +128,9 @@ def run_here(function: Callable[[Job], Result], job: Job) -> Future[Result]:
     return future
 
 
-def prepare_worker() -> None:
-    """Limit a worker to one thread, and end it at an interrupt or when its parent dies."""
+def prepare_worker(level: int) -> None:
+    """Limit a worker to one thread, show its log from a level, and end it at an interrupt or when its parent dies."""
+    show(level)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     os.environ["OMP_NUM_THREADS"] = "1"
     threading.Thread(target=die_with_parent, daemon=True).start()

@@ -1,12 +1,17 @@
 """Progress on stderr: lines, at most one every few seconds, and durations as text."""
 
+import io
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
-from nas_data.count_of import count_of
+from nas_data.log import logger
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
 
 PAUSE = 2.0  # [s] between two lines
 SILENCE = 10.0  # [s] after which a step that says nothing is said to go on
@@ -14,10 +19,8 @@ SHOWN = 60  # characters of the last line in the line that says that it goes on
 
 Report = Callable[[str], None]
 
-
-def say(line: str) -> None:
-    """Show a line at once."""
-    print(line, file=sys.stderr, flush=True)
+say: Report = logger.info
+"""Show a line at once, where the program or its caller shows the log."""
 
 
 def silence(_: str) -> None:
@@ -47,41 +50,35 @@ class Calm:
             self.report(line)
 
 
-class Remaining:
-    """Says on stderr how many episodes are done and how long the others will take.
+class Lines(io.StringIO):
+    """A file that shows on stderr, as a line of its own, each state of a bar of tqdm."""
 
-    On a terminal it says so after each episode, elsewhere at most every two seconds and at the end.
-    """
-
-    def __init__(self, done: int, wanted: int, verb: str = "") -> None:
-        """Begin with the episodes that are already done; the verb begins each line."""
-        self.first, self.wanted, self.verb = done, wanted, verb
-        self.began = self.spoken = time.monotonic()
-
-    def __call__(self, done: int, more: str = "") -> None:
-        """Report the number of finished episodes, and more at the end of the line."""
-        now = time.monotonic()
-        if sys.stderr.isatty() or now - self.spoken >= PAUSE or done == self.wanted:
-            self.spoken = now
-            left = (now - self.began) / (done - self.first) * (self.wanted - done)
-            say(f"{self.verb}{done} of {count_of(self.wanted, 'episode')}, {left / 60:.0f} min left{more}")
+    def write(self, text: str) -> int:
+        """Show a state; tqdm also writes empty ones."""
+        if state := text.strip():
+            print(state, file=sys.stderr, flush=True)
+        return len(text)
 
 
 class Counting:
-    """A line of progress: rewritten on a terminal, otherwise a new line at most every two seconds."""
+    """Counts on stderr after two seconds: a bar on a terminal, elsewhere a line at most every two seconds."""
 
     def __init__(self, what: str) -> None:
         """Describe what is counted."""
         self.what = what
-        self._spoken = time.monotonic()
+        self.bar: tqdm | None = None
 
-    def __call__(self, done: int, total: int) -> None:
-        """Show the number of finished items."""
-        if sys.stderr.isatty():
-            print(f"\r{self.what} {done}/{total} ", end="\n" if done == total else "", file=sys.stderr, flush=True)
-        elif time.monotonic() - self._spoken >= PAUSE:
-            self._spoken = time.monotonic()
-            say(f"{self.what} {done}/{total}")
+    def __call__(self, done: int, total: int, more: str = "") -> None:
+        """Show the number of finished items, and more beside it; the time that is left is told from the first call."""
+        if self.bar is None:
+            from tqdm import tqdm
+
+            elsewhere = {} if sys.stderr.isatty() else {"file": Lines(), "mininterval": PAUSE}
+            self.bar = tqdm(desc=self.what, initial=done, total=total, delay=PAUSE, leave=False, **elsewhere)
+        self.bar.set_postfix_str(more, refresh=False)
+        self.bar.update(done - self.bar.n)
+        if done == total:
+            self.bar.close()
 
 
 @contextmanager

@@ -15,8 +15,9 @@ from nas_data.gap.problem import Problem
 from nas_data.gap.score_model import HeldOutResult, score_model
 from nas_data.gap.search.final import FinalFit
 from nas_data.gap.search.hypothesis import Description
-from nas_data.gap.workflow import deliver, ignore
+from nas_data.gap.workflow import deliver
 from nas_data.robots import ergojr
+from nas_data.runs.progress import silence
 
 LOAD, PLAY = "load_friction:joint=m2,ratio=0.3", "backlash:joint=m2,half_width=0.03"
 
@@ -118,7 +119,7 @@ def test_what_needs_fine_steps_in_a_file_is_fitted_with_them(tmp_path: Path):
     names = named(load, load.replace("0.42", "0.416"))
     as_found = score_model(given, names.final, names.null, names.plain, tmp_path)
     assert error(given, as_found.written) > 1.05 * error(given, as_found.plain)
-    naming, found = deliver(given, names, tmp_path, ignore)
+    naming, found = deliver(given, names, tmp_path, silence)
     assert error(given, found.written) < error(given, found.plain)
     assert naming.final.effects[0].name() == "load_friction" and naming.final.fine
     assert found.whole and found.delivered == "names"
@@ -129,7 +130,7 @@ def test_names_hold_where_no_file_can_express_them(given: Problem, tmp_path: Pat
     monkeypatch.setattr(added_file, "fit_model_effects", lambda problem, final: FinalFit((), {}, ()))
     wanted = named(LOAD, "coulomb_friction:joint=m2,torque=0.03")
     (tmp_path / "report").mkdir()
-    naming, found = deliver(given, wanted, tmp_path / "report", ignore)
+    naming, found = deliver(given, wanted, tmp_path / "report", silence)
     assert naming is wanted and not found.whole and found.delivered == "names of MJCF and plain"
     assert flags(tmp_path / "report") == {"load_friction": False}
     assert error(given, found.after) < error(given, found.written) <= error(given, found.plain)

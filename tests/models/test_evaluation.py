@@ -352,14 +352,3 @@ def test_torch_has_one_thread_while_models_are_evaluated(monkeypatch):
         assert torch.get_num_threads() == 2
     finally:
         torch.set_num_threads(before)
-
-
-def test_progress_without_a_terminal_is_a_line_now_and_then(monkeypatch, capsys):
-    from nas_data.runs import progress
-
-    clock = iter([0.0, 0.5, 1.9, 2.1, 2.1, 3.0, 4.2, 4.2])
-    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
-    counting = progress.Counting("rolling out")
-    for done in range(1, 6):
-        counting(done, 5)
-    assert capsys.readouterr().err.splitlines() == ["rolling out 3/5", "rolling out 5/5"]

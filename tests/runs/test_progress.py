@@ -1,8 +1,10 @@
 """Progress messages: no step is silent for long."""
 
+import io
 import time
 
-from nas_data.runs.progress import never_silent
+from nas_data.runs import progress
+from nas_data.runs.progress import Counting, never_silent, say
 
 
 def test_a_long_step_says_how_long_ago_it_began():
@@ -22,3 +24,43 @@ def test_before_the_first_message_the_first_step_is_named():
     with never_silent("reading the recording", lines.append, silence=0.2):
         time.sleep(0.5)
     assert lines and all(line.endswith("s since: reading the recording") for line in lines)
+
+
+def test_counts_without_a_terminal_are_a_line_now_and_then(monkeypatch, capsys):
+    monkeypatch.setattr(progress, "PAUSE", 0.2)
+    began, count = time.monotonic(), Counting("rolling out")
+    for done in range(11):
+        count(done, 10, "servos up to 40 °C")
+        time.sleep(0.05)
+    most = (time.monotonic() - began) / 0.2
+    told = capsys.readouterr().err
+    assert 1 <= told.count("\n") <= most and "\r" not in told
+    for line in told.splitlines():
+        assert line.startswith("rolling out: ") and "/10 [" in line and line.endswith("servos up to 40 °C]")
+
+
+def test_what_is_counted_at_once_is_not_told(capsys):
+    count = Counting("rolling out")
+    for done in (1, 2, 3):
+        count(done, 3)
+    assert capsys.readouterr().err == ""
+
+
+class Terminal(io.StringIO):
+    """A file that says that it is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_line_stands_above_the_bar_of_a_terminal(monkeypatch):
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    monkeypatch.setattr(progress, "PAUSE", 0.0)
+    count = Counting("saved")
+    count(3, 8)
+    say("servo 2 is hot")
+    assert "\rservo 2 is hot\n" in terminal.getvalue()
+    assert terminal.getvalue().rpartition("\n")[2].startswith("\rsaved:  38%")
+    count(8, 8)
+    assert terminal.getvalue().endswith("\r"), "the bar is removed at the end"

@@ -6,8 +6,9 @@ import pytest
 from support.truth_samples import FOLDER, PERIOD, record_truth, without_bases
 
 from nas_data.errors import ModelFileError
+from nas_data.log import warn_once
 from nas_data.pairing import pair, read_initial_states
-from nas_data.robots.base import find_robot, note_fixed_bases
+from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
 
 MODELS = sorted(FOLDER.glob("*.*"))
@@ -110,7 +111,7 @@ def test_models_without_followers_have_none_to_solve_for():
 
 
 def test_a_base_that_would_fall_is_held_and_said_to_be(capsys):
-    note_fixed_bases.cache_clear()
+    warn_once.cache_clear()
     robot = find_robot(FOLDER / "legged.xml")
     find_robot(FOLDER / "legged.xml")
     assert capsys.readouterr().err.count("the base 'trunk'") == 1
