@@ -1,13 +1,15 @@
 """Frozen dataclasses as JSON and back: what a file holds is a record, written and read by one piece of code.
 
 A key is called as its field, or as the field's metadata say (`field(metadata={"key": "effect"})`). A field of None
-whose metadata have `optional` is left out. A field with a default may be missing in the file; keys that a record does
-not have are ignored.
+whose metadata have `optional` is left out. The keys of a record in a field whose metadata have `inline` stand beside
+those of the other fields. A field with a default may be missing in the file; keys that a record does not have are
+ignored. Of several records that a field may hold, it holds the first one whose keys are there.
 """
 
 import math
 import types
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import MISSING, Field, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -38,8 +40,14 @@ class LacksKeys(FormError):
 
 def as_object(record: "DataclassInstance") -> dict[str, object]:
     """Return a record as `json.dumps` takes it."""
-    pairs = ((key, item, getattr(record, item.name)) for item in fields(record) if (key := find_key(item)))
-    return {key: to_json(held) for key, item, held in pairs if not (held is None and is_optional(item))}
+    result: dict[str, object] = {}
+    for item in fields(record):
+        held, key = getattr(record, item.name), find_key(item)
+        if is_inline(item):
+            result |= as_object(held)
+        elif key and not (held is None and is_optional(item)):
+            result[key] = to_json(held)
+    return result
 
 
 def to_json(value: object) -> object:
@@ -67,17 +75,18 @@ def from_json(kind: type[Record], value: object, where: str = "") -> Record:
     """
     if not isinstance(value, Mapping):
         raise make_form_error(value, "an object", where)
-    known = {item.name: (key, item) for item in fields(kind) if (key := find_key(item))}  # type: ignore[arg-type]
+    items, hints = fields(kind), get_type_hints(kind)  # type: ignore[arg-type]
+    known = {item.name: (key, item) for item in items if not is_inline(item) and (key := find_key(item))}
     lacking = sorted(key for key, item in known.values() if key not in value and is_needed(item))
     if lacking:
         raise LacksKeys(where, lacking)
-    hints = get_type_hints(kind)
     held = {
         name: convert(hints[name], value[key], f"{where}.{key}" if where else key)
         for name, (key, _) in known.items()
         if key in value
     }
-    return kind(**held)
+    inlined = {item.name: convert(hints[item.name], value, where) for item in items if is_inline(item)}
+    return kind(**held, **inlined)
 
 
 def convert(kind: Any, value: object, where: str) -> object:
@@ -88,8 +97,11 @@ def convert(kind: Any, value: object, where: str) -> object:
     if origin in (Union, types.UnionType):
         if value is None and type(None) in inner:
             return None
-        (kind,) = (one for one in inner if one is not type(None))
-        return convert(kind, value, where)
+        *others, last = (one for one in inner if one is not type(None))
+        for kind in others:
+            with suppress(LacksKeys):
+                return convert(kind, value, where)
+        return convert(last, value, where)
     if origin is tuple:
         if not isinstance(value, list | tuple) or (inner[-1] is not Ellipsis and len(value) != len(inner)):
             raise make_form_error(value, "a list" if inner[-1] is Ellipsis else f"a list of {len(inner)}", where)
@@ -118,6 +130,11 @@ def find_key(item: "Field[Any]") -> str | None:
     """Return the key of a field in JSON; None where it is kept elsewhere."""
     key = item.metadata.get("key", item.name)
     return None if key is None else str(key)
+
+
+def is_inline(item: "Field[Any]") -> bool:
+    """Whether the keys of a field's record stand beside those of the other fields."""
+    return bool(item.metadata.get("inline"))
 
 
 def is_optional(item: "Field[Any]") -> bool:

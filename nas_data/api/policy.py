@@ -1,6 +1,5 @@
 """A trained policy as stable-baselines3's PPO, which takes and gives what the environment gives and takes."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import gymnasium
@@ -59,26 +58,26 @@ def load_policy(
         JointMismatch: the environment observes or takes something else.
     """
     policy = choose(Path(folder), seed)
-    settings = policy.config.get("hyperparameters")
-    if not isinstance(settings, Mapping):
+    settings = policy.config.hyperparameters
+    if settings is None:
         raise CheckpointError(f"{folder} does not say how its policy was trained; train it again.")
     env = env or gymnasium.make(f"nas_data:{make_environment_id(find_task_file(policy.environment))}")
     check_spaces(policy, env)
     ppo = PPO(
         ActorCriticPolicy,
         env,
-        learning_rate=float(settings["learning_rate"]),
-        n_steps=int(settings["rollout"]) // (env.num_envs if isinstance(env, VecEnv) else 1),
-        batch_size=int(settings["rollout"]) // int(settings["minibatches"]),
-        n_epochs=int(settings["epochs"]),
-        gamma=float(settings["discount"]),
-        gae_lambda=float(settings["trace"]),
-        clip_range=float(settings["clip"]),
-        ent_coef=float(settings["entropy_weight"]),
-        vf_coef=float(settings["value_weight"]),
-        max_grad_norm=float(settings["gradient_norm"]),
+        learning_rate=settings.learning_rate,
+        n_steps=settings.rollout // (env.num_envs if isinstance(env, VecEnv) else 1),
+        batch_size=settings.rollout // settings.minibatches,
+        n_epochs=settings.epochs,
+        gamma=settings.discount,
+        gae_lambda=settings.trace,
+        clip_range=settings.clip,
+        ent_coef=settings.entropy_weight,
+        vf_coef=settings.value_weight,
+        max_grad_norm=settings.gradient_norm,
         policy_kwargs={
-            "net_arch": {"pi": list(settings["hidden"]), "vf": list(settings["hidden"])},
+            "net_arch": {"pi": list(settings.hidden), "vf": list(settings.hidden)},
             "activation_fn": torch.nn.Tanh,
             "features_extractor_class": Normalise,
             "optimizer_kwargs": {"eps": 1e-5},

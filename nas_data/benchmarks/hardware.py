@@ -2,6 +2,8 @@
 
 import os
 import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from nas_data.dataset.provenance import read_package_versions
@@ -9,15 +11,34 @@ from nas_data.dataset.provenance import read_package_versions
 CPUINFO = Path("/proc/cpuinfo")
 
 
-def describe_hardware() -> dict[str, object]:
-    """Return the processor model, the number of usable cores, the load average, and versions."""
-    return {
-        "processor": read_processor_model(),
-        "cores": len(os.sched_getaffinity(0)),
-        "load": round(os.getloadavg()[0], 1),
-        "system": f"{platform.system()} {platform.machine()}",
-        "versions": read_package_versions(),
-    }
+@dataclass(frozen=True)
+class Hardware:
+    """The machine of a benchmark.
+
+    Attributes:
+        processor: Its model.
+        cores: Number of usable cores.
+        load: Load average.
+        system: Operating system and architecture.
+        versions: Versions of Python and of the packages.
+    """
+
+    processor: str
+    cores: int
+    load: float
+    system: str
+    versions: Mapping[str, str]
+
+
+def read_hardware() -> Hardware:
+    """Return the hardware of this machine, and its load."""
+    return Hardware(
+        processor=read_processor_model(),
+        cores=len(os.sched_getaffinity(0)),
+        load=round(os.getloadavg()[0], 1),
+        system=f"{platform.system()} {platform.machine()}",
+        versions=read_package_versions(),
+    )
 
 
 def read_processor_model() -> str:

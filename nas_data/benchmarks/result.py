@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from nas_data.benchmarks.hardware import describe_hardware
+from nas_data.benchmarks.hardware import read_hardware
 from nas_data.benchmarks.rounds import Ratio, Times
+from nas_data.typed_json import as_object
 
 
 @dataclass(frozen=True)
@@ -46,11 +47,9 @@ class BenchmarkResult:
 
     def to_text(self) -> str:
         """Return title, times per frame of each round, ratios and hardware as text."""
-        machine = describe_hardware()
-        versions = machine["versions"]
-        assert isinstance(versions, Mapping)
-        on = f"{machine['processor']}, {machine['cores']} cores, load {machine['load']}, {machine['system']}"
-        with_versions = ", ".join(f"{name} {version}" for name, version in versions.items())
+        machine = read_hardware()
+        on = f"{machine.processor}, {machine.cores} cores, load {machine.load}, {machine.system}"
+        with_versions = ", ".join(f"{name} {version}" for name, version in machine.versions.items())
         ratios = [ratio.describe(self.times) for ratio in self.ratios]
         return "\n".join([self.title, "", *self._format_table(), "", *ratios, *self.notes, f"{on}; {with_versions}"])
 
@@ -81,5 +80,5 @@ class BenchmarkResult:
             },
             "title": self.title,
             "notes": self.notes,
-            "hardware": describe_hardware(),
+            "hardware": as_object(read_hardware()),
         }

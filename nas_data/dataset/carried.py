@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from nas_data.dataset import layout
 from nas_data.dataset.carried_source import CarriedSource, take_rows
 from nas_data.dataset.descriptions import (
     LANGUAGE,
@@ -21,6 +20,7 @@ from nas_data.dataset.descriptions import (
     make_common_description,
     make_schema_entry,
 )
+from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.language import has_times, move_times
 from nas_data.dataset.parquet import read_parquet
 from nas_data.dataset.videos import VIDEO, Clip
@@ -48,8 +48,8 @@ class Carried:
     @classmethod
     def of(cls, root: Path, frames: int) -> "Carried | None":
         """Return the pass-through features of a dataset; None if there are none, and no tools either."""
-        info = layout.read_info(root)
-        wanted = layout.describe_other_features(info) or layout.tools(info)
+        info = DatasetInfo.read(root)
+        wanted = info.other_features or info.tools
         return cls((root.resolve(),), np.arange(frames)) if wanted else None
 
     @classmethod
@@ -84,21 +84,21 @@ class Carried:
     @cached_property
     def features(self) -> dict[str, Description]:
         """LeRobot's description of each feature."""
-        described = [layout.read_feature_entries(info) for info in self._infos]
-        keys = layout.describe_other_features(self._infos[0]) if self.kept is None else self.kept
+        described = [info.features for info in self._infos]
+        keys = self._infos[0].other_features if self.kept is None else self.kept
         return {key: make_common_description([entries[key] for entries in described]) for key in keys}
 
     @property
     def tools(self) -> list[object]:
         """What the messages of the language columns may call, as LeRobot describes it, of all roots."""
         found: list[object] = []
-        for tool in (tool for info in self._infos for tool in layout.tools(info)):
+        for tool in (tool for info in self._infos for tool in info.tools or ()):
             found += [] if tool in found else [tool]
         return found
 
     @cached_property
-    def _infos(self) -> tuple[Mapping[str, object], ...]:
-        return tuple(layout.read_info(root) for root in self.roots)
+    def _infos(self) -> tuple[DatasetInfo, ...]:
+        return tuple(DatasetInfo.read(root) for root in self.roots)
 
     @property
     def frames(self) -> tuple[int, ...]:

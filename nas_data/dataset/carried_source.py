@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 
 from nas_data.dataset import layout
+from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.language import make_alike
 from nas_data.dataset.parquet import open_parquet, read_parquet, try_parquet
 from nas_data.dataset.videos import VIDEO_PATH, Clip, VideoPlace
@@ -29,7 +30,7 @@ class CarriedSource:
     @cached_property
     def fps(self) -> float:
         """Control rate [Hz]."""
-        return float(str(layout.read_info(self.root)["fps"]))
+        return DatasetInfo.read(self.root).fps
 
     def row_bytes(self, keys: Sequence[str]) -> int:
         """Return the size of a row of some columns in memory, on average."""
@@ -103,7 +104,7 @@ class CarriedSource:
             table = self.root / "meta/episodes"
             raise DatasetInvalid(f"{table} does not say where the pictures of episode {number} lie{self.remedy(key)}.")
         place = VideoPlace(**{name: entry[column] for name, column in columns.items()})  # type: ignore[arg-type]  # as stored
-        template = str(layout.read_info(self.root).get("video_path") or VIDEO_PATH)
+        template = DatasetInfo.read(self.root).video_path or VIDEO_PATH
         start = place.from_timestamp + (row - self._find_first_row(number)) / fps
         stop = place.to_timestamp if length == entry["length"] else start + length / fps
         return Clip(self.root / place.path(key, template), start, stop)

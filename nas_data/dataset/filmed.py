@@ -12,6 +12,7 @@ import numpy as np
 from nas_data.count_of import count_of
 from nas_data.dataset import layout
 from nas_data.dataset.carried_source import CarriedSource
+from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.videos import VIDEO_PATH, VideoPlace
 from nas_data.errors import DatasetInvalid
 
@@ -34,15 +35,15 @@ class FilmedSource(CarriedSource):
             DatasetInvalid: an episode cannot be located.
         """
         super().__init__(root)
-        info = layout.read_info(root)
+        info = DatasetInfo.read(root)
         if episodes.tolist() != list(range(len(episodes))):
             raise DatasetInvalid("meta/episodes does not say where its pictures lie, and rows before them are lost")
         self._indices = np.repeat(episodes, lengths)
         entries: dict[int, dict[str, object]] = {
             int(episode): {"length": int(length)} for episode, length in zip(episodes, lengths, strict=True)
         }
-        template = str(info.get("video_path") or VIDEO_PATH)
-        for key in layout.describe_other_features(info):
+        template = info.video_path or VIDEO_PATH
+        for key in info.other_features:
             columns = VideoPlace.columns(key)
             for episode, place in enumerate(locate_episodes(root, key, template, lengths.tolist(), fps)):
                 entries[episode] |= {column: getattr(place, name) for name, column in columns.items()}

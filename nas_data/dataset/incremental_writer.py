@@ -15,6 +15,7 @@ import numpy as np
 from nas_data.dataset import layout
 from nas_data.dataset.content import convert_column
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.provenance import Provenance
 from nas_data.dataset.read import read_tasks
 from nas_data.dataset.staging import flush_folder, refuse_existing, write_synced
@@ -30,6 +31,7 @@ from nas_data.dataset.write import (
     make_number_array,
 )
 from nas_data.errors import DatasetInvalid
+from nas_data.typed_json import as_object
 
 REWRITTEN = {layout.INFO, layout.STATS, layout.CARD, layout.PROVENANCE}
 
@@ -57,7 +59,7 @@ class IncrementalWriter:
     @property
     def episodes(self) -> int:
         """Number of saved episodes."""
-        return layout.read_total(layout.read_info(self.root), "total_episodes") if self.root.is_symlink() else 0
+        return DatasetInfo.read(self.root).total_episodes if self.root.is_symlink() else 0
 
     def append(self, episodes: Dataset, provenance: Provenance, attachments: dict[str, bytes] | None = None) -> None:
         """Save episodes atomically and flush them to the disk.
@@ -90,9 +92,9 @@ class IncrementalWriter:
 
     def _extend(self, folder: Path, episodes: Dataset, provenance: Provenance) -> None:
         """Create a folder of the old files and the new episodes."""
-        info = layout.read_info(self.root)
-        number, rows = layout.read_total(info, "total_episodes"), layout.read_total(info, "total_frames")
-        features, tasks = layout.select_vector_features(info), list(read_tasks(self.root).values())
+        info = DatasetInfo.read(self.root)
+        number, rows = info.total_episodes, info.total_frames
+        features, tasks = info.vector_features, list(read_tasks(self.root).values())
         if features != dict(episodes.features) or [*dict.fromkeys(episodes.tasks)] != tasks:
             raise DatasetInvalid(
                 f"{self.root} has other features or another task than the episode to be added; choose another name."
@@ -108,10 +110,10 @@ class IncrementalWriter:
             folder / layout.make_numbered_path(layout.EPISODES_TEMPLATE, number),
             self._make_episode_file(episodes, columns, number, rows),
         )
-        whole = make_info(episodes, layout.read_total(info, "total_tasks"))
-        count = number + episodes.n_episodes
-        whole |= {"total_episodes": count, "total_frames": rows + episodes.n_frames, "splits": {"train": f"0:{count}"}}
-        write_synced(folder / layout.INFO, encode_json(whole))
+        count, frames = number + episodes.n_episodes, rows + episodes.n_frames
+        whole = make_info(episodes, info.total_tasks)
+        whole = replace(whole, total_episodes=count, total_frames=frames, splits={"train": f"0:{count}"})
+        write_synced(folder / layout.INFO, encode_json(as_object(whole)))
         write_synced(folder / layout.PROVENANCE, encode_json(replace(provenance, files={}).to_json()))
 
     def _make_episode_file(

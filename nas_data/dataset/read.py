@@ -12,6 +12,7 @@ from nas_data.dataset.carried import Carried
 from nas_data.dataset.checks import check_finite
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import TIME, Feature, make_time_feature
+from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.parquet import open_parquet, read_parquet
 from nas_data.dataset.versions import resolve
 from nas_data.errors import DatasetInvalid
@@ -35,8 +36,8 @@ def read(path: Path) -> Dataset:
         DatasetInvalid: it is unfinished, incomplete, of another format version, or contains NaN.
     """
     root = resolve(path)
-    info = layout.read_info(root)
-    features = layout.select_vector_features(info)
+    info = DatasetInfo.read(root)
+    features = info.vector_features
     rows = Rows.read(root, {**features, "episode_index": INDEX, "task_index": INDEX, "timestamp": STAMP})
     lengths = rows.sort(root)
     _check_totals(root, info, len(rows.columns["episode_index"]), len(lengths))
@@ -45,8 +46,8 @@ def read(path: Path) -> Dataset:
         features=features,
         columns={key: rows.columns[key] for key in features},
         lengths=lengths,
-        fps=float(str(info["fps"])),
-        robot_type=str(info.get("robot_type") or "unknown"),
+        fps=info.fps,
+        robot_type=info.robot_type or "unknown",
         tasks=find_episode_tasks(tasks, numbers, lengths),
         carried=Carried.of(root, int(lengths.sum())),
         frame_tasks=frame_tasks(tasks, numbers, lengths),
@@ -168,12 +169,10 @@ def _is_list(kind: pa.DataType) -> bool:
     return pa.types.is_fixed_size_list(kind) or pa.types.is_list(kind) or pa.types.is_large_list(kind)
 
 
-def _check_totals(root: Path, info: Mapping[str, object], frames: int, episodes: int) -> None:
+def _check_totals(root: Path, info: DatasetInfo, frames: int, episodes: int) -> None:
     """Refuse a dataset whose numbers of rows or episodes differ from its metadata."""
-    for key, held in (("total_frames", frames), ("total_episodes", episodes)):
-        promised = layout.read_total(info, key)
+    for what, promised, held in (("frames", info.total_frames, frames), ("episodes", info.total_episodes, episodes)):
         if promised != held:
-            what = key.removeprefix("total_")
             raise DatasetInvalid(
                 f"{root} is incomplete: {layout.INFO} promises {promised} {what}, the data files hold {held}; "
                 "rescue what is whole with 'nas recover', or restore the dataset from a copy."

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 
 from nas_data.dataset import layout
 from nas_data.dataset.features import Feature
+from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.parquet import UNREADABLE, open_parquet
 from nas_data.dataset.parquet_footer import rebuild_footer
 from nas_data.dataset.provenance import Provenance
@@ -41,7 +42,7 @@ class Salvage:
         return np.repeat(np.arange(len(self.episodes)), self.lengths)
 
 
-def read_damaged_files(root: Path, info: Mapping[str, object], provenance: Provenance | None) -> Salvage:
+def read_damaged_files(root: Path, info: DatasetInfo, provenance: Provenance | None) -> Salvage:
     """Read the readable part of every data file.
 
     Args:
@@ -49,7 +50,7 @@ def read_damaged_files(root: Path, info: Mapping[str, object], provenance: Prove
         info: Content of its `meta/info.json`, or that of a dataset with equal features.
         provenance: Content of its `meta/nas.json`.
     """
-    features = layout.select_vector_features(info)
+    features = info.vector_features
     wanted = {**features, **{key: Feature((key,), dtype=layout.AUTOMATIC[key]) for key in layout.AUTOMATIC}}
     paths = layout.list_data_files(root)
     reader = _Files(root, wanted, _make_template(info, paths), provenance)
@@ -131,14 +132,14 @@ class _Files:
                     continue
 
 
-def _make_template(info: Mapping[str, object], files: Sequence[Path]) -> tuple[bytes, list[int]]:
+def _make_template(info: DatasetInfo, files: Sequence[Path]) -> tuple[bytes, list[int]]:
     """Return a Parquet file of one row with LeRobot's columns, and the values per row of each leaf column.
 
     The column order is that of an undamaged file of the dataset, or else that of the feature descriptions.
     """
     types: dict[str, pa.DataType] = {}
     widths: list[int] = []
-    entries = layout.read_feature_entries(info)
+    entries = info.features
     order = _read_column_order(files)
     for key in order if set(order) == {key for key in entries if entries[key].get("dtype") != "video"} else entries:
         entry = entries[key]

@@ -17,6 +17,7 @@ from nas_data.dataset.descriptions import describe_left_out
 from nas_data.dataset.episode_checks import EpisodeEntry, find_untrusted, read_episode_table
 from nas_data.dataset.features import Feature
 from nas_data.dataset.filmed import FilmedSource
+from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.provenance import Parent, Provenance, format_current_time, read_package_versions, read_provenance
 from nas_data.dataset.read import Rows, find_episode_tasks, frame_tasks, read, read_tasks
 from nas_data.dataset.read_damaged import Salvage, read_damaged_files
@@ -95,14 +96,14 @@ def recover(root: Path, beyond: bool = False, like: Path | None = None) -> Rescu
     info = _find_info(root, like)
     provenance, reports = _try_read_provenance(root)
     found = read_damaged_files(root, info, provenance)
-    features = layout.select_vector_features(info)
+    features = info.vector_features
     known = read_episode_table(root, features)
     faults = find_untrusted(found, features, known)
     whole = [episode for episode in found.episodes.tolist() if episode >= 0 and episode not in faults]
     first_gap = next((index for index, episode in enumerate(whole) if episode != index), len(whole))
     kept = whole if beyond else whole[:first_gap]
     left = [episode for episode in whole if episode not in set(kept)]
-    promised = layout.read_total(info, "total_episodes") if like is None else -1
+    promised = info.total_episodes if like is None else -1
     reports += [*found.files, *(f"episode {episode} {why}" for episode, why in sorted(faults.items()))]
     reports += _describe_lost_episodes(found, whole, promised)
     if not kept:
@@ -125,10 +126,10 @@ def recover(root: Path, beyond: bool = False, like: Path | None = None) -> Rescu
     return Rescue(root, derived, promised, tuple(kept), tuple(left), tuple(reports))
 
 
-def _find_info(root: Path, like: Path | None) -> Mapping[str, object]:
+def _find_info(root: Path, like: Path | None) -> DatasetInfo:
     """Return the description of the rows: `meta/info.json`, or that of a similar dataset."""
     if like is not None:
-        return layout.read_info(like)
+        return DatasetInfo.read(like)
     if not layout.list_data_files(root):
         raise DatasetInvalid(f"Nothing can be rescued from {root}: it holds no rows (data/*/*.parquet).")
     try:
@@ -138,7 +139,7 @@ def _find_info(root: Path, like: Path | None) -> Mapping[str, object]:
             f"{root / layout.INFO} is missing or damaged, so the names, units and rate of the rows are not known; "
             "give a dataset that was recorded alike with --like DATASET."
         ) from None
-    return layout.read_info(root)
+    return DatasetInfo.read(root)
 
 
 def _try_read_provenance(root: Path) -> tuple[Provenance | None, list[str]]:
@@ -194,43 +195,41 @@ def _is_whole(root: Path, provenance: Provenance | None) -> bool:
         return False
 
 
-def _build_dataset(
-    info: Mapping[str, object], found: Salvage, kept: Sequence[int], tasks: Mapping[int, str]
-) -> Dataset:
+def _build_dataset(info: DatasetInfo, found: Salvage, kept: Sequence[int], tasks: Mapping[int, str]) -> Dataset:
     """Return the recovered episodes."""
     places = np.flatnonzero(np.isin(found.episodes, kept))
     rows = np.flatnonzero(np.isin(found.row_episodes(), places))
-    features = layout.select_vector_features(info)
+    features = info.vector_features
     return Dataset(
         features=features,
         columns={key: found.columns[key][rows] for key in features},
         lengths=found.lengths[places],
-        fps=float(str(info["fps"])),
-        robot_type=str(info.get("robot_type") or "unknown"),
+        fps=info.fps,
+        robot_type=info.robot_type or "unknown",
         tasks=tuple(tasks[episode] for episode in kept),
     )
 
 
 def _recover_carried(
-    root: Path, info: Mapping[str, object], found: Salvage, kept: Sequence[int], lengths: np.ndarray, described: bool
+    root: Path, info: DatasetInfo, found: Salvage, kept: Sequence[int], lengths: np.ndarray, described: bool
 ) -> tuple[Carried | None, list[str]]:
     """Return the pass-through features of the recovered episodes, or the reason why they are left out."""
-    keys = layout.describe_other_features(info)
+    keys = info.other_features
     reason = f"{layout.INFO} is lost"
     if described:
         try:
             return Carried.rescued(root, kept, lengths), []
         except DatasetInvalid as error:
             reason = _reason(error)
-    if described and {layout.read_feature_entries(info)[key].get("dtype") for key in keys} == {VIDEO}:
+    if described and {info.features[key].get("dtype") for key in keys} == {VIDEO}:
         try:
-            filmed = FilmedSource(root, found.episodes, found.lengths, float(str(info["fps"])))
+            filmed = FilmedSource(root, found.episodes, found.lengths, info.fps)
             return Carried.rescued(root, kept, lengths, filmed), []
         except DatasetInvalid as error:
             reason = _reason(error)
     if not keys:
         return None, []
-    lost = describe_left_out({key: layout.read_feature_entries(info)[key] for key in keys}, reason)
+    lost = describe_left_out({key: info.features[key] for key in keys}, reason)
     return None, [f"{lost}; what there is of it lies in {root / 'videos'} and {root / 'data'}"]
 
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.dataset import layout
 from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION, EFFORT, POSITION, STATE, VELOCITY, Feature
 from nas_data.dataset.foreign import take_in
+from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import find_dataset_name, resolve
@@ -102,7 +102,7 @@ def summarize(path: Path) -> DatasetSummary:
         lengths=tuple(dataset.lengths.tolist()),
         tasks={task: dataset.tasks.count(task) for task in dict.fromkeys(dataset.tasks)},
         features=dataset.features,
-        carried=layout.describe_other_features(layout.read_info(root)),
+        carried=DatasetInfo.read(root).other_features,
         ranges={key: _compute_ranges(shown, key) for key in (STATE, ACTION) if key in shown.features},
         units={name: unit for key in (ACTION, STATE) for name, unit in _list_units(shown, key).items()},
         derived=derived,

@@ -12,7 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
 from nas_data.dataset.content import hash_content
-from nas_data.dataset.layout import PROVENANCE, describe_other_features, read_info
+from nas_data.dataset.info import DatasetInfo
+from nas_data.dataset.layout import PROVENANCE
 from nas_data.dataset.pack import MANIFEST, Manifest, check_unchanged, hash_files, is_plain, write_pack
 from nas_data.dataset.read import read
 from nas_data.dataset.staging import staging_folder, write_synced
@@ -163,7 +164,7 @@ def _settle(hidden: Path, home: Path, manifest: Manifest) -> Path:
 def _is_same(path: Path, manifest: Manifest) -> bool:
     """Whether a dataset has a pack's rows; its files too if it has features that the content hash leaves out."""
     try:
-        carries = describe_other_features(read_info(path))
+        carries = DatasetInfo.read(path).other_features
         return hash_content(read(path)) == manifest.content_hash and (not carries or hash_files(path) == manifest.files)
     except NasError:
         return False

@@ -16,6 +16,7 @@ from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import NEXT_STATE, STATE, Feature
+from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.parquet import read_parquet
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import STAMP_TOLERANCE, Rows, read
@@ -78,7 +79,7 @@ def verify(root: Path) -> list[str]:
 def examine(path: Path) -> Findings:
     """Return the problems of a dataset and further notes; raises as `verify` does."""
     root = resolve(path)
-    layout.read_info(root)
+    DatasetInfo.read(root)
     problems = list(_report_leftovers(root))
     provenance = None
     try:

@@ -9,7 +9,8 @@ from pathlib import Path
 from nas_data.dataset.checks import check_storable
 from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.layout import INFO, SOURCE, SOURCE_EFFECTS, describe_other_features, read_info, tools
+from nas_data.dataset.info import DatasetInfo
+from nas_data.dataset.layout import INFO, SOURCE, SOURCE_EFFECTS
 from nas_data.dataset.provenance import Parent, Provenance, read_provenance
 from nas_data.dataset.staging import check_creatable, lock_folder, publish, staging_folder
 from nas_data.dataset.write import fill, write
@@ -145,8 +146,8 @@ def settle(hidden: Path, home: Path, digest: str, number: int = 0, damaged: Path
     with lock_folder(home):  # one process at a time chooses a number
         staged_provenance = read_provenance(hidden)
         files = staged_provenance.files if staged_provenance else {}
-        info = read_info(hidden)
-        carries = bool(describe_other_features(info) or tools(info))
+        info = DatasetInfo.read(hidden)
+        carries = bool(info.other_features or info.tools)
         existing = _find_same_version(home, digest, files, damaged, carries)
         if existing:
             return existing

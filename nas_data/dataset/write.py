@@ -18,10 +18,12 @@ from nas_data.dataset.checks import check_storable
 from nas_data.dataset.combine_statistics import combine_statistics
 from nas_data.dataset.content import convert_column, hash_content
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.provenance import Provenance
 from nas_data.dataset.staging import publish, refuse_existing, staging_folder, write_synced
 from nas_data.dataset.statistics import Statistics, compute_statistics
 from nas_data.dataset.videos import VIDEO, VIDEO_PATH, place_videos
+from nas_data.typed_json import as_object
 
 
 def write(dataset: Dataset, root: Path, provenance: Provenance, attachments: Mapping[str, bytes] | None = None) -> Path:
@@ -93,7 +95,7 @@ def _make_files(
     columns = {key: convert_column(dataset, key) for key in dataset.features}
     columns |= make_automatic_columns(dataset, tasks)
     # Metadata come first, so that the files of a killed writer can be recovered.
-    yield layout.INFO, encode_json(make_info(dataset, len(tasks)))
+    yield layout.INFO, encode_json(as_object(make_info(dataset, len(tasks))))
     yield layout.TASKS, encode_parquet(_make_task_table(tasks))
     row_bytes = sum(column.itemsize * column.shape[1] for column in columns.values())
     carried = dataset.carried
@@ -240,29 +242,22 @@ def _make_task_table(tasks: list[str]) -> pa.Table:
     return table.replace_schema_metadata({"pandas": json.dumps(pandas)})
 
 
-def make_info(dataset: Dataset, n_tasks: int) -> dict[str, object]:
+def make_info(dataset: Dataset, n_tasks: int) -> DatasetInfo:
     """Return `meta/info.json` as both LeRobot versions write it."""
-    features = {key: feature.to_info() for key, feature in dataset.features.items()}
-    further = dataset.carried.features if dataset.carried else {}
-    features |= {key: dict(entry) for key, entry in further.items()}
-    features |= {key: {"dtype": dtype, "shape": [1], "names": None} for key, dtype in layout.AUTOMATIC.items()}
-    info = {
-        "codebase_version": layout.CODEBASE_VERSION,
-        "robot_type": dataset.robot_type,
-        "total_episodes": dataset.n_episodes,
-        "total_frames": dataset.n_frames,
-        "total_tasks": n_tasks,
-        "chunks_size": layout.FILES_PER_CHUNK,
-        "data_files_size_in_mb": layout.FILE_MEGABYTES,
-        "video_files_size_in_mb": layout.VIDEO_FILE_MEGABYTES,
-        "fps": int(dataset.fps) if float(dataset.fps).is_integer() else float(dataset.fps),
-        "splits": {"train": f"0:{dataset.n_episodes}"},
-        "data_path": layout.DATA_TEMPLATE,
-        "video_path": VIDEO_PATH if any(entry.get("dtype") == VIDEO for entry in further.values()) else None,
-        "features": features,
-    }
-    tools = dataset.carried.tools if dataset.carried else []
-    return info | {"tools": tools} if tools else info
+    carried = dataset.carried
+    further = carried.features if carried else {}
+    automatic = {key: {"dtype": dtype, "shape": [1], "names": None} for key, dtype in layout.AUTOMATIC.items()}
+    return DatasetInfo(
+        robot_type=dataset.robot_type,
+        total_episodes=dataset.n_episodes,
+        total_frames=dataset.n_frames,
+        total_tasks=n_tasks,
+        fps=int(dataset.fps) if float(dataset.fps).is_integer() else float(dataset.fps),
+        splits={"train": f"0:{dataset.n_episodes}"},
+        video_path=VIDEO_PATH if any(entry.get("dtype") == VIDEO for entry in further.values()) else None,
+        features={**{key: feature.to_info() for key, feature in dataset.features.items()}, **further, **automatic},
+        tools=tuple(carried.tools) or None if carried else None,
+    )
 
 
 def encode_parquet(table: pa.Table) -> memoryview:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.dataset import layout
 from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.carried import VIDEO_LEFT_OUT
@@ -15,6 +14,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.descriptions import describe_left_out
 from nas_data.dataset.features import TIME
 from nas_data.dataset.foreign import import_command, is_ours, refuse
+from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.joints import REMEDY, Components
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read, read_stamps, with_clock
@@ -84,7 +84,7 @@ def complete_map(mapping: Map, paths: Sequence[Path], options: ImportOptions) ->
         if not is_dataset(path):
             raise LogError(f"{path} is no {find_folder_kind('lerobot')[2:]}; give the folder of one.")
         _refuse_own(resolve(path))
-    rates = {path: float(str(layout.read_info(resolve(path))["fps"])) for path in paths}
+    rates = {path: DatasetInfo.read(resolve(path)).fps for path in paths}
     first, *_ = rates
     other = next((path for path in paths if abs(rates[path] / rates[first] - 1) > SAME_RATE), None)
     if other is not None:

@@ -11,7 +11,8 @@ from nas_data.count_of import count_of
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import OptionError, SimulationDiverged
 from nas_data.policies.evaluate import score_policy, summarise_spread
-from nas_data.policies.learner import Hyperparameters, PolicyTraining
+from nas_data.policies.hyperparameters import Hyperparameters
+from nas_data.policies.learner import PolicyTraining
 from nas_data.policies.policy import load_policy, read_progress
 from nas_data.policies.ppo import check_folder, train
 from nas_data.policies.result import DivergedEpisodes, EvaluationTime, PolicyResult, read_result

@@ -17,44 +17,12 @@ from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import SimulationDiverged
 from nas_data.policies import folder as files
 from nas_data.policies.actor_critic import ActorCritic
+from nas_data.policies.hyperparameters import Hyperparameters
 from nas_data.runs.code_hash import hash_code
 from nas_data.runs.environment_info import find_commit, read_versions
 from nas_data.simulators.base import Stepper
 
 TRAINED_BY = "nas_data.policies.ppo"  # module that runs the steps of this one
-
-
-@dataclass(frozen=True)
-class Hyperparameters:
-    """Hyperparameters of the paper's PPO; 16 arms share a rollout of its robot experiments (4 processes × 2048 steps).
-
-    Attributes:
-        arms: Simulations stepped together.
-        rollout: Frames between two updates, over all arms.
-        minibatches: Parts of a rollout, one gradient step each.
-        epochs: Passes over a rollout.
-        learning_rate: Learning rate of Adam.
-        discount: γ.
-        trace: λ of the advantage estimate.
-        clip: Largest change of an action's probability ratio.
-        entropy_weight: Weight of the entropy in the loss.
-        value_weight: Weight of the value error in the loss.
-        gradient_norm: Largest norm of a gradient.
-        hidden: Widths of the tanh layers, separate for actor and critic.
-    """
-
-    arms: int = 16
-    rollout: int = 8192
-    minibatches: int = 32
-    epochs: int = 10
-    learning_rate: float = 3e-4
-    discount: float = 0.99
-    trace: float = 0.95
-    clip: float = 0.2
-    entropy_weight: float = 0.0
-    value_weight: float = 0.5
-    gradient_norm: float = 0.5
-    hidden: tuple[int, ...] = (64, 64)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,8 @@ from safetensors import SafetensorError
 from safetensors.numpy import load_file
 
 from nas_data.errors import CheckpointError
+from nas_data.policies.hyperparameters import Hyperparameters
+from nas_data.typed_json import FormError, from_json
 from nas_data.visible_files import list_visible_files
 
 CONFIG = "config.json"
@@ -25,15 +27,68 @@ CLIP = 10.0  # the same: normalised observations beyond this are cut
 
 
 @dataclass(frozen=True)
+class PlantModel:
+    """Learned model of the dynamics that a policy was trained on."""
+
+    kind: str
+
+
+@dataclass(frozen=True)
+class TrainedPlant:
+    """Dynamics that a policy was trained on.
+
+    Attributes:
+        environment: Name of the environment.
+        dynamics: Name of its dynamics.
+        model: Learned model; None if there is none.
+        retuned: Factors of base parameters by name; None without named effects.
+    """
+
+    environment: str
+    dynamics: str = ""
+    model: PlantModel | None = None
+    retuned: Mapping[str, float] | None = None
+
+
+@dataclass(frozen=True)
+class PolicyConfig:
+    """What is read of a policy's `config.json`.
+
+    Attributes:
+        plant: Dynamics of the training.
+        seed: Seed of the training.
+        frames: Its control steps.
+        hyperparameters: Its hyperparameters; None if the file has none.
+    """
+
+    plant: TrainedPlant
+    seed: int = 0
+    frames: int = 0
+    hyperparameters: Hyperparameters | None = None
+
+    @classmethod
+    def read(cls, folder: Path) -> "PolicyConfig":
+        """Read the file in a policy's folder.
+
+        Raises:
+            CheckpointError: it is missing, damaged, or not that of a policy.
+        """
+        try:
+            return from_json(cls, read_config(folder))
+        except FormError as error:
+            raise CheckpointError(f"{folder / CONFIG} is damaged ({error}); train the policy again.") from None
+
+
+@dataclass(frozen=True)
 class Policy:
     """A policy: mean actions of an actor with tanh layers, with frozen observation statistics.
 
     Attributes:
-        config: Settings of its training, from `config.json`.
+        config: Settings of its training.
         tensors: Weights of actor and critic under stable-baselines3's names, and the observation statistics.
     """
 
-    config: Mapping[str, object]
+    config: PolicyConfig
     tensors: Mapping[str, np.ndarray]
 
     def act(self, observations: np.ndarray) -> np.ndarray:
@@ -50,18 +105,17 @@ class Policy:
     @property
     def environment(self) -> str:
         """Name of the environment that it was trained for."""
-        plant = self.config.get("plant")
-        return str(plant["environment"]) if isinstance(plant, Mapping) else ""
+        return self.config.plant.environment
 
     @property
     def seed(self) -> int:
         """Seed of its training."""
-        return int(str(self.config.get("seed", 0)))
+        return self.config.seed
 
     @property
     def frames(self) -> int:
         """Control steps of its training."""
-        return int(str(self.config.get("frames", 0)))
+        return self.config.frames
 
 
 def list_hidden_layers(tensors: Mapping[str, np.ndarray]) -> list[str]:
@@ -92,7 +146,7 @@ def load_policy(folder: Path) -> Policy:
     Raises:
         CheckpointError: the folder holds no policy, or an incomplete one.
     """
-    config = read_config(folder)
+    config = PolicyConfig.read(folder)
     path = folder / WEIGHTS
     try:
         tensors = load_file(path)

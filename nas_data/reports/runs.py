@@ -11,7 +11,7 @@ import numpy as np
 from nas_data.errors import CheckpointError
 from nas_data.joint_units import HINGE, JointUnit, find_display_unit
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD
-from nas_data.policies.policy import CONFIG, PROGRESS, read_config, read_progress
+from nas_data.policies.policy import CONFIG, PROGRESS, PolicyConfig, TrainedPlant, read_progress
 from nas_data.policies.result import PolicyScore, read_result
 from nas_data.visible_files import list_visible_files
 
@@ -195,33 +195,30 @@ def read_policy(folder: Path) -> PolicyRun:
     Raises:
         CheckpointError: a file is missing or damaged.
     """
-    config, progress, result = read_config(folder), read_progress(folder), read_result(folder)
+    config, progress, result = PolicyConfig.read(folder), read_progress(folder), read_result(folder)
     try:
         curve = LearningCurve(progress["frames"], progress["mean_return"], progress["success_rate"])
-        plant = config["plant"]
-        assert isinstance(plant, dict)
         return PolicyRun(
             folder=folder,
-            method=find_method(plant),
-            seed=int(str(config["seed"])),
-            environment=str(plant["environment"]),
+            method=find_method(config.plant),
+            seed=config.seed,
+            environment=config.plant.environment,
             frames=int(progress["frames"][-1]),
             curve=curve,
             seconds=float(progress["seconds"][-1]),
             judged=result.score if result else None,
         )
-    except (KeyError, AssertionError, ValueError, TypeError) as error:
+    except (KeyError, ValueError, TypeError) as error:
         raise CheckpointError(f"{folder} is a damaged policy ({error!r}); train it again.") from None
 
 
-def find_method(plant: Mapping[str, object]) -> str:
-    """Return what a policy learned on, given its plant as its configuration holds it."""
-    model, named = plant.get("model"), "retuned" in plant
-    if named:
-        return NAMED_AND_LEARNED if model else NAMED
-    if isinstance(model, dict):
-        return METHODS.get(str(model.get("kind")), str(model.get("kind")))
-    return SOURCE_METHOD if plant["dynamics"] == "source" else EXPERT_METHOD
+def find_method(plant: TrainedPlant) -> str:
+    """Return what a policy learned on."""
+    if plant.retuned is not None:
+        return NAMED_AND_LEARNED if plant.model else NAMED
+    if plant.model is not None:
+        return METHODS.get(plant.model.kind, plant.model.kind)
+    return SOURCE_METHOD if plant.dynamics == "source" else EXPERT_METHOD
 
 
 def collect_scores(runs: Sequence[PolicyRun], name: str = "mean_return") -> np.ndarray:

@@ -22,7 +22,8 @@ from nas_data.dataset.verify import verify
 from nas_data.effects.base import Effect, Parameter, parse
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import DatasetInvalid, JointMismatch, MissingPackage, OptionError, UnknownName
-from nas_data.policies.learner import Hyperparameters, PolicyTraining
+from nas_data.policies.hyperparameters import Hyperparameters
+from nas_data.policies.learner import PolicyTraining
 from nas_data.policies.policy import load_policy as read_policy
 from nas_data.policies.ppo import train
 from nas_data.robots.base import find_robot

@@ -77,9 +77,9 @@ def test_sizes_are_drawn_for_the_servos_that_the_arm_has():
 @pytest.mark.parametrize("plant", ["numpy", pytest.param("bullet", marks=pytest.mark.bullet)])
 def test_who_knows_everything_is_right_about_far_gains_too(plant, tmp_path):
     plan = BlindPlan(("none",), (plant,), 1, 4, setting="far")
-    record = run(plan, tmp_path, know_everything, lambda line: None)[0]
-    assert record["exact"] and record["verdict_right"] and len(record["true"]) > 1, record
-    assert record["fresh"]["after"] < record["fresh"]["floor"] + 0.3 * record["fresh"]["before"], record
+    found = run(plan, tmp_path, know_everything, lambda line: None)[0].outcome
+    assert found.grade.exact and found.grade.verdict_right and len(found.grade.true) > 1, found
+    assert found.fresh.after < found.fresh.floor + 0.3 * found.fresh.before, found
     assert not run(plan, tmp_path / "nothing", know_nothing, lambda line: None)[0]["exact"]
 
 

@@ -11,8 +11,8 @@ from support.blind_samples import answered, entry_of, know_everything, know_noth
 from nas_data.benchmarks.blind.benchmark import BlindPlan, run
 from nas_data.benchmarks.blind.code import hash_case_code
 from nas_data.benchmarks.blind.grade import ConfidenceGrade, grade_names
+from nas_data.benchmarks.blind.record import CaseRecord
 from nas_data.benchmarks.blind.resimulate import Delivered
-from nas_data.benchmarks.blind.run_case import store_record
 from nas_data.benchmarks.blind.tables import compute_reliability, make_tables, print_tables
 from nas_data.cli import main
 from nas_data.errors import DatasetInvalid, ModelFileError, OutputExists, UnknownName
@@ -108,8 +108,7 @@ def test_a_report_of_another_form_is_refused(report):
 
 
 def test_confidence_is_compared_with_what_was_right():
-    record = {"confidences": [{"confidence": 0.95, "right": True}, {"confidence": 0.96, "right": False}]}
-    rows = compute_reliability([record])
+    rows = compute_reliability([ConfidenceGrade(0.95, True), ConfidenceGrade(0.96, False)])
     assert rows == [{"from": 0.95, "to": 0.99, "findings": 2, "confidence": pytest.approx(0.955), "right": 0.5}]
 
 
@@ -128,15 +127,15 @@ def small(monkeypatch):
 def test_who_knows_everything_is_right_and_leaves_little(small, tmp_path):
     plan = BlindPlan(("one", "two"), ("mujoco",), 1, 4)
     records = run(plan, tmp_path, know_everything, lambda line: None)
-    assert all(record["exact"] for record in records), records
+    assert all(record.outcome.grade.exact for record in records), records
     for record in records:
-        assert record["fresh"]["after"] < 3 * record["fresh"]["floor"] < record["fresh"]["before"]
+        assert record.outcome.fresh.after < 3 * record.outcome.fresh.floor < record.outcome.fresh.before
 
 
 def test_who_says_nothing_is_right_only_where_nothing_hides(small, tmp_path):
     records = run(BlindPlan(("none", "one"), ("mujoco",), 1, 0), tmp_path, know_nothing, lambda line: None)
-    assert [record["exact"] for record in records] == [True, False]
-    assert records[1]["fresh"]["after"] == records[1]["fresh"]["before"]
+    assert [record.outcome.grade.exact for record in records] == [True, False]
+    assert records[1].outcome.fresh.after == records[1].outcome.fresh.before
     assert "abstained" in print_tables(make_tables(records))
 
 
@@ -147,14 +146,14 @@ def test_a_finished_case_is_never_done_again(small, tmp_path):
     (tmp_path / "results" / "none-mujoco-0-0001.json").unlink()
     again = run(plan, tmp_path, know_nothing, said.append)
     assert len(said) == 3
-    assert [record["case"] for record in again] == [record["case"] for record in first]
+    assert [record.case for record in again] == [record.case for record in first]
     assert not list(tmp_path.rglob("dataset"))
 
 
 def test_a_record_names_the_code_that_decided_it(small, tmp_path, edited):
     plan = BlindPlan(("none",), ("mujoco",), 1, 0)
     (record,) = run(plan, tmp_path, know_nothing, lambda line: None)
-    assert record["commit"] == find_commit() and len(record["code"]) == 64
+    assert record.commit == find_commit() and len(record.code) == 64
     (identity,) = plan.identities()
     for module, old in (
         ("nas_data.gap.workflow", "def investigate"),  # what names
@@ -164,7 +163,7 @@ def test_a_record_names_the_code_that_decided_it(small, tmp_path, edited):
         ("nas_data.benchmarks.blind.plants.mujoco_plant", "def multiply"),  # what moves
     ):
         edited(module, old, f"{old}1")
-        assert hash_case_code(identity) != record["code"], module
+        assert hash_case_code(identity) != record.code, module
 
 
 def test_cases_that_other_code_judged_are_refused_and_left_alone(small, tmp_path, edited):
@@ -181,9 +180,11 @@ def test_cases_that_other_code_judged_are_refused_and_left_alone(small, tmp_path
 
 def test_a_record_that_names_no_code_is_refused(small, tmp_path):
     plan = BlindPlan(("none",), ("mujoco",), 1, 0)
-    (record,) = run(plan, tmp_path, know_nothing, lambda line: None)
-    del record["code"], record["commit"]
-    store_record(tmp_path / "results" / "none-mujoco-0-0000.json", record)
+    run(plan, tmp_path, know_nothing, lambda line: None)
+    path = tmp_path / "results" / "none-mujoco-0-0000.json"
+    content = json.loads(path.read_text())
+    del content["code"], content["commit"]
+    path.write_text(json.dumps(content))
     with pytest.raises(OutputExists, match=r"holds 1 case judged by other code of nas_data \(they name no commit\)"):
         run(plan, tmp_path, know_nothing, lambda line: None)
     shutil.rmtree(tmp_path / "results")
@@ -193,7 +194,7 @@ def test_a_record_that_names_no_code_is_refused(small, tmp_path):
 def test_a_baseline_of_other_code_is_refused_too(small, tmp_path, edited):
     plan = BlindPlan(("none",), ("mujoco",), 1, 0, baselines=("one_step",))
     (record,) = run(plan, tmp_path, know_nothing, lambda line: None)
-    assert len(record["baselines"]["one_step"]["code"]) == 64
+    assert len(record.baselines["one_step"].code) == 64
     edited("nas_data.benchmarks.blind.baselines.one_step", "LEAST = 0.02", "LEAST = 0.03")
     with pytest.raises(OutputExists, match="other code of nas_data"):
         run(plan, tmp_path, know_nothing, lambda line: None)
@@ -204,8 +205,8 @@ def test_a_workflow_that_fails_is_a_fault_and_the_benchmark_goes_on(small, tmp_p
         raise ArithmeticError("no idea")
 
     records = run(BlindPlan(("none",), ("mujoco",), 2, 0), tmp_path, break_down, lambda line: None)
-    assert [record["verdict"] for record in records] == ["failed", "failed"]
-    assert "no idea" in records[0]["fault"]
+    assert [record.outcome.verdict for record in records] == ["failed", "failed"]
+    assert "no idea" in records[0].outcome.fault
     assert make_tables(records)["families"][0]["failed"] == 2
 
 
@@ -217,5 +218,14 @@ def test_words_that_mean_nothing_are_refused_before_any_work(tmp_path):
 
 def test_the_noise_floor_is_that_of_the_readings(small, tmp_path):
     record = run(BlindPlan(("none",), ("mujoco",), 1, 0), tmp_path, know_nothing, lambda line: None)[0]
-    assert 0.08 < np.degrees(record["fresh"]["floor"]) < 0.12
-    assert json.loads((tmp_path / "results" / "none-mujoco-0-0000.json").read_text()) == record
+    assert 0.08 < np.degrees(record.outcome.fresh.floor) < 0.12
+    assert CaseRecord.read(tmp_path / "results" / "none-mujoco-0-0000.json") == record
+
+
+def test_a_file_of_another_form_is_refused_and_left_alone(tmp_path):
+    path = tmp_path / "results" / "none-mujoco-0-0000.json"
+    path.parent.mkdir()
+    path.write_text('{"case": "none-mujoco-0-0000"}')
+    with pytest.raises(OutputExists, match="is no finished case"):
+        run(BlindPlan(("none",), ("mujoco",), 1, 0), tmp_path, know_nothing, lambda line: None)
+    assert path.read_text() == '{"case": "none-mujoco-0-0000"}'

@@ -159,9 +159,9 @@ def test_a_case_of_poor_data_is_a_sound_dataset(tmp_path):
 )
 def test_who_knows_everything_is_right_about_those_cases_too(family, setting, plant, tmp_path):
     plan = BlindPlan((family,), (plant,), 1, 4, setting=setting)
-    (record,) = run(plan, tmp_path, know_everything, lambda line: None)
-    assert record["exact"] and record["verdict_right"], record
-    assert record["fresh"]["after"] < record["fresh"]["floor"] + 0.3 * record["fresh"]["before"], record
+    found = run(plan, tmp_path, know_everything, lambda line: None)[0].outcome
+    assert found.grade.exact and found.grade.verdict_right, found
+    assert found.fresh.after < found.fresh.floor + 0.3 * found.fresh.before, found
 
 
 @pytest.mark.slow
@@ -173,8 +173,7 @@ def test_every_baseline_answers_on_other_arms(setting, tmp_path, monkeypatch):
     plan = BlindPlan(("one",), ("numpy",), 1, 4, baselines=names, setting=setting)
     record = run(plan, tmp_path, know_everything, print)[0]
     for name in names:
-        assert "fault" not in record["baselines"][name], record["baselines"][name]
-        assert np.isfinite(record["baselines"][name]["fresh"]["after"])
+        assert record.baselines[name].outcome.fresh.after is not None, record.baselines[name]
 
 
 def test_a_place_that_is_not_reported_is_the_centre_of_mass():

@@ -210,10 +210,10 @@ def test_a_dataset_has_torques_and_speeds_measured_or_estimated(tmp_path):
 def test_who_knows_everything_is_right_about_machines_too(plant, tmp_path):
     plan = BlindPlan(("two",), (plant,), 1, 4, setting="torque")
     for record in run(plan, tmp_path, know_everything, lambda line: None):
-        assert record["exact"] and record["verdict_right"], record
-        fresh = record["fresh"]
-        assert fresh["after"] < fresh["floor"] + 0.05 * fresh["before"], record
-        assert fresh["least"] == pytest.approx(fresh["after"], rel=0.2)
+        grade, fresh = record.outcome.grade, record.outcome.fresh
+        assert grade.exact and grade.verdict_right, record
+        assert fresh.after < fresh.floor + 0.05 * fresh.before, record
+        assert fresh.least == pytest.approx(fresh.after, rel=0.2)
 
 
 @pytest.mark.bullet
@@ -221,7 +221,7 @@ def test_who_knows_everything_is_right_about_machines_too(plant, tmp_path):
 def test_something_outside_the_catalogue_hides_there_too(tmp_path):
     plan = BlindPlan(("outside",), ("numpy", "bullet"), 1, 4, setting="torque")
     for record in run(plan, tmp_path, know_nothing, lambda line: None):
-        assert "fault" not in record and record["marks"][0] >= TORQUE.least
+        assert record.outcome.grade.marks[0] >= TORQUE.least
 
 
 def test_one_inertia_with_two_names_may_have_either():

@@ -21,6 +21,7 @@ from support.lerobot_writing import create, open_dataset, record, resume
 from nas_data.dataset import layout
 from nas_data.dataset.content import hash_content
 from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, TIME, Feature, make_position_feature
+from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.transitions import as_transitions
@@ -174,7 +175,7 @@ def test_images_strings_and_matrices_are_left_out(lerobot, tmp_path):
     dataset = read(tmp_path / "d")
     assert list(dataset.features) == [STATE]
     assert dataset.states.tolist() == [[0, 0], [1, -1], [2, -2], [3, -3]]
-    left_out = layout.describe_other_features(layout.read_info(tmp_path / "d"))
+    left_out = DatasetInfo.read(tmp_path / "d").other_features
     assert set(left_out) == {"note", "observation.images.front", "grid"}
 
 

@@ -224,6 +224,7 @@ DAMAGES = {
     "no data files": lambda root: shutil.rmtree(root / "data"),
     "codebase_version v2.1.*convert": lambda root: _info(root, codebase_version="v2.1"),
     "positive fps": lambda root: _info(root, fps=0),
+    "total_frames is 'many', not a whole number": lambda root: _info(root, total_frames="many"),
     "cannot be read as JSON": lambda root: (root / layout.INFO).write_text('{"fps": 5'),
     "tasks.parquet is only half-written": lambda root: (root / layout.TASKS).write_bytes(b"PAR1"),
 }

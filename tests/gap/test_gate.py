@@ -4,12 +4,15 @@ The master seed was chosen before any of these cases was run. Do not draw again 
 """
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from nas_data.benchmarks.blind.benchmark import run_cases, tell
 from nas_data.benchmarks.blind.case import Identity
+from nas_data.benchmarks.blind.grade import ConfidenceGrade
+from nas_data.benchmarks.blind.record import CaseFailure
 from nas_data.benchmarks.blind.run_case import Judge
 from nas_data.benchmarks.blind.tables import compute_rest, compute_share, median
 from nas_data.commands.benchmark_gap import investigate
@@ -64,24 +67,22 @@ def identities(table):
 
 def inside(records):
     """Return the cases in which the catalogue holds all that hides."""
-    return [record for record in records if record["family"] != "outside"]
+    return [record for record in records if record.identity.family != "outside"]
 
 
 def inexact(records):
     """Return which cases of the catalogue were not named exactly."""
-    return [tell(record) for record in inside(records) if not record["exact"]]
+    return [tell(record) for record in inside(records) if not record.outcome.grade.exact]
 
 
 def surely_wrong(records):
     """Return the cases in which a wrong name has a high confidence."""
-    return [
-        tell(record) for record in records if any(is_surely_wrong(entry) for entry in record.get("confidences", ()))
-    ]
+    return [tell(record) for record in records if any(map(is_surely_wrong, record.outcome.grade.confidences))]
 
 
 def is_surely_wrong(entry):
     """Whether a name is wrong and told with confidence."""
-    return entry["confidence"] >= SURE and not entry["right"]
+    return entry.confidence >= SURE and not entry.right
 
 
 @pytest.fixture(scope="module")
@@ -105,13 +106,15 @@ def test_no_small_case_is_surely_wrong(small):
 
 def test_small_cases_have_models_that_predict_as_well_as_who_knows_the_answer(small):
     """Short episodes leave more than the floor even then: how they began is seen only through the sensors."""
-    assert not [record["fault"] for record in small if "fault" in record]
-    assert median(compute_rest(record) / compute_rest(record, "least") for record in inside(small)) <= 1.2
+    assert not [record.outcome.fault for record in small if isinstance(record.outcome, CaseFailure)]
+    errors = [record.outcome.fresh for record in inside(small)]
+    assert median(one.after / one.least for one in errors) <= 1.2
 
 
 def test_a_bar_is_missed_by_who_is_sure_and_wrong(small):
-    sure = {"confidence": SURE, "right": False}
-    wrong = [{**record, "exact": False, "confidences": [sure]} for record in small]
+    sure = {"exact": False, "confidences": (ConfidenceGrade(SURE, False),)}
+    found = [replace(record.outcome, grade=replace(record.outcome.grade, **sure)) for record in small]
+    wrong = [replace(record, outcome=outcome) for record, outcome in zip(small, found, strict=True)]
     assert len(inexact(wrong)) == 5
     assert len(surely_wrong(wrong)) == 6
 
@@ -125,7 +128,7 @@ def large(tmp_path_factory):
 
 def of_family(records, family):
     """Return the cases of a family."""
-    return [record for record in records if record["family"] == family]
+    return [record for record in records if record.identity.family == family]
 
 
 @pytest.mark.slow
@@ -134,11 +137,11 @@ def of_family(records, family):
 def test_twenty_four_drawn_cases_keep_every_bar(large):
     known = inside(large)
     assert (len(large), len(known)) == (24, 20)
-    assert not [record["fault"] for record in large if "fault" in record]
+    assert not [record.outcome.fault for record in large if isinstance(record.outcome, CaseFailure)]
     assert len(inexact(large)) <= 2, inexact(large)
     assert not surely_wrong(large)
-    assert not [tell(record) for record in of_family(large, "none") if record["named"]]
-    assert not [tell(record) for record in of_family(large, "outside") if record["verdict"] == "explained"]
-    assert median(compute_rest(record) for record in known) <= 1.2
-    intervals = [entry["covered"] for record in known for entry in record["parameters"]]
-    assert compute_share(covered for covered in intervals if covered is not None) >= 0.85
+    assert not [tell(record) for record in of_family(large, "none") if record.outcome.grade.named]
+    assert not [tell(record) for record in of_family(large, "outside") if record.outcome.grade.verdict == "explained"]
+    errors = [record.outcome.fresh for record in known]
+    assert median(compute_rest(one.after, one.floor) for one in errors) <= 1.2
+    assert compute_share(entry.covered for record in known for entry in record.outcome.grade.parameters) >= 0.85

@@ -17,7 +17,8 @@ from nas_data.errors import JobsFailed, SimulationDiverged
 from nas_data.policies import compare as comparing
 from nas_data.policies import evaluate
 from nas_data.policies.compare import Study, compare
-from nas_data.policies.learner import Hyperparameters, PolicyTraining
+from nas_data.policies.hyperparameters import Hyperparameters
+from nas_data.policies.learner import PolicyTraining
 from nas_data.policies.policy import read_progress
 from nas_data.policies.ppo import train
 from nas_data.runs.parallel import run_jobs

@@ -17,7 +17,7 @@ from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import CheckpointError, JointMismatch, OptionError
 from nas_data.gap.named import Named
 from nas_data.gap.write_model import write_effects
-from nas_data.policies.policy import load_policy
+from nas_data.policies.policy import read_config
 from nas_data.reports.runs import find_runs
 from nas_data.sources import collect_source_files
 
@@ -177,7 +177,7 @@ def test_the_commands_learn_in_the_named_source_and_compare_it(tmp_path, capsys)
     words = ["policy", "train", "--on", "named", "--effects", gap, "--frames", "256", "--out", str(out)]
     assert cli.main(words) == 0
     assert cli.main(["policy", "evaluate", str(out), "--on", "named", "--effects", gap, "--episodes", "2"]) == 0
-    plant = load_policy(out / "seed0").config["plant"]
+    plant = read_config(out / "seed0")["plant"]
     assert plant["retuned"] == {"m3.gain": 1.05} and len(plant["simulator"]["effects"]) == len(TRUE)
     (tmp_path / "gap" / "effects.json").write_text(json.dumps([parse(TRUE[0]).to_json()]))
     assert cli.main(words) == 2

@@ -19,7 +19,8 @@ from nas_data.errors import CheckpointError, OutputExists, SimulationDiverged, W
 from nas_data.policies import evaluate, learner
 from nas_data.policies.compare import Study, compare
 from nas_data.policies.folder import STATE, save_policy
-from nas_data.policies.learner import Hyperparameters, Learner, PolicyTraining
+from nas_data.policies.hyperparameters import Hyperparameters
+from nas_data.policies.learner import Learner, PolicyTraining
 from nas_data.policies.policy import CONFIG, WEIGHTS, find_policies, load_policy, read_progress
 from nas_data.policies.ppo import train
 from nas_data.policies.result import read_result

@@ -11,7 +11,8 @@ from nas_data.errors import OutputExists
 from nas_data.models.checkpoint import save
 from nas_data.models.lstm import DynamicsModel
 from nas_data.policies.compare import Run, Study, compare
-from nas_data.policies.learner import Hyperparameters, PolicyTraining
+from nas_data.policies.hyperparameters import Hyperparameters
+from nas_data.policies.learner import PolicyTraining
 from nas_data.policies.policy import CONFIG
 from nas_data.runs import code_hash, environment_info
 from nas_data.runs.code_hash import list_gap_modules

@@ -8,8 +8,10 @@ from pathlib import Path
 from nas_data.benchmarks.blind.baselines.base import find_baseline
 from nas_data.benchmarks.blind.case import DEFAULT, FAMILIES, Identity
 from nas_data.benchmarks.blind.code import check_code
+from nas_data.benchmarks.blind.findings import Name
 from nas_data.benchmarks.blind.plants.base import find_plant
-from nas_data.benchmarks.blind.run_case import Investigate, Judge, Record, read_record, store_record
+from nas_data.benchmarks.blind.record import CaseFailure, CaseRecord
+from nas_data.benchmarks.blind.run_case import Investigate, Judge
 from nas_data.benchmarks.blind.settings.base import find_setting
 from nas_data.errors import OptionError, UnknownName
 
@@ -66,7 +68,7 @@ class BlindPlan:
                     yield Identity(family, plant, number, self.seed, self.faint, self.setting)
 
 
-def run(plan: BlindPlan, out: Path, investigate: Investigate, report: Callable[[str], None]) -> list[Record]:
+def run(plan: BlindPlan, out: Path, investigate: Investigate, report: Callable[[str], None]) -> list[CaseRecord]:
     """Run every case that is not finished yet and return the records of all.
 
     Args:
@@ -83,16 +85,18 @@ def run(plan: BlindPlan, out: Path, investigate: Investigate, report: Callable[[
     return run_cases(list(plan.identities()), Judge(investigate, plan.baselines, plan.keep), out, report)
 
 
-def run_cases(identities: Sequence[Identity], judge: Judge, out: Path, report: Callable[[str], None]) -> list[Record]:
+def run_cases(
+    identities: Sequence[Identity], judge: Judge, out: Path, report: Callable[[str], None]
+) -> list[CaseRecord]:
     """Run those of some cases that are not finished yet and return the records of all; see `run`."""
     paths = {identity: out / RESULTS / f"{identity.name}.json" for identity in identities}
-    known = {identity: record for identity, path in paths.items() if (record := read_record(path)) is not None}
+    known = {identity: record for identity, path in paths.items() if (record := CaseRecord.read(path)) is not None}
     check_code(known, out)
     records, began, judged = [], time.monotonic(), 0
     for done, (identity, path) in enumerate(paths.items(), start=1):
         record = known.get(identity)
         if record is None or not judge.is_done(record):
-            record = store_record(path, judge.judge(identity, out / FOLDERS / identity.name, record))
+            record = judge.judge(identity, out / FOLDERS / identity.name, record).store(path)
             judged += 1
             left = (time.monotonic() - began) / judged * (len(paths) - done)
             report(f"{done} of {len(paths)}, about {left / 60:.0f} min left: {tell(record)}")
@@ -100,20 +104,18 @@ def run_cases(identities: Sequence[Identity], judge: Judge, out: Path, report: C
     return records
 
 
-def tell(record: Record) -> str:
+def tell(record: CaseRecord) -> str:
     """Return a finished case in one line."""
-    if "fault" in record:
-        return f"{record['case']}: {record['fault']}"
-    fresh = record["fresh"]
-    assert isinstance(fresh, dict)
-    after, floor = fresh["after"], fresh["floor"]
-    rest = "no usable model" if after is None else f"{after / floor:.1f} floors left"
-    right = "right" if record["exact"] else "CONFIDENTLY WRONG" if record["confident_wrong"] else "not exact"
-    names = f"{format_effects(record['true'])} → {format_effects(record['named'])}"
-    return f"{record['case']}: {right}, {record['verdict']}, {rest}, {record['seconds']:.0f} s: {names}"
+    found = record.outcome
+    if isinstance(found, CaseFailure):
+        return f"{record.case}: {found.fault}"
+    grade, fresh = found.grade, found.fresh
+    rest = "no usable model" if fresh.after is None else f"{fresh.after / fresh.floor:.1f} floors left"
+    right = "right" if grade.exact else "CONFIDENTLY WRONG" if grade.confident_wrong else "not exact"
+    names = f"{format_effects(grade.true)} → {format_effects(grade.named)}"
+    return f"{record.case}: {right}, {grade.verdict}, {rest}, {found.seconds:.0f} s: {names}"
 
 
-def format_effects(names: object) -> str:
+def format_effects(names: Sequence[Name]) -> str:
     """Return effects as words."""
-    assert isinstance(names, list)
-    return ", ".join(f"{effect} {joint}" if joint else str(effect) for effect, joint in names) or "nothing"
+    return ", ".join(f"{effect} {joint}" if joint else effect for effect, joint in names) or "nothing"

@@ -2,18 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TypeAlias
 
 from nas_data.benchmarks.blind.case import Identity
-from nas_data.benchmarks.blind.findings import read_mapping
 from nas_data.benchmarks.blind.plants.base import SUFFIX
+from nas_data.benchmarks.blind.record import CaseRecord
 from nas_data.benchmarks.blind.sampling import SCREEN
 from nas_data.benchmarks.blind.settings.base import find_setting
 from nas_data.count_of import count_of
 from nas_data.errors import OutputExists
 from nas_data.runs.code_hash import hash_code, list_gap_modules
-
-Record: TypeAlias = Mapping[str, object]  # of a finished case
 
 
 def hash_case_code(identity: Identity) -> str:
@@ -29,7 +26,7 @@ def hash_baseline_code(name: str) -> str:
     return hash_code(f"nas_data.benchmarks.blind.baselines.{name}")
 
 
-def check_code(records: Mapping[Identity, Record], folder: Path) -> None:
+def check_code(records: Mapping[Identity, CaseRecord], folder: Path) -> None:
     """Refuse records of other code, before hours are spent.
 
     Args:
@@ -48,14 +45,13 @@ def check_code(records: Mapping[Identity, Record], folder: Path) -> None:
         )
 
 
-def is_by_this_code(identity: Identity, record: Record) -> bool:
+def is_by_this_code(identity: Identity, record: CaseRecord) -> bool:
     """Whether a case and all baselines on it were judged by the present code."""
-    answers = {name: read_mapping(answer) for name, answer in read_mapping(record.get("baselines", {})).items()}
-    same = all(answer.get("code") == hash_baseline_code(name) for name, answer in answers.items())
-    return same and record.get("code") == hash_case_code(identity)
+    same = all(answer.code == hash_baseline_code(name) for name, answer in record.baselines.items())
+    return same and record.code == hash_case_code(identity)
 
 
-def tell_commits(records: Sequence[Record]) -> str:
+def tell_commits(records: Sequence[CaseRecord]) -> str:
     """Name the commits of records."""
-    commits = sorted({str(record["commit"])[:12] for record in records if record.get("commit")})
+    commits = sorted({record.commit[:12] for record in records if record.commit})
     return f"commit {', '.join(commits)}" if commits else "they name no commit"

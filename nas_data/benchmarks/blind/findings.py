@@ -96,13 +96,6 @@ class ReportEntries:
             raise DatasetInvalid(f"The report has not the contract's form: {error}.") from None
 
 
-def read_number(value: object, missing: float = math.nan) -> float:
+def read_number(value: float | None, missing: float = math.nan) -> float:
     """Return a number; JSON has none for what is not finite."""
-    return missing if value is None else float(str(value))
-
-
-def read_mapping(value: object) -> Mapping[str, object]:
-    """Return a JSON object."""
-    if not isinstance(value, Mapping):
-        raise TypeError(f"an object is needed, given {value!r}")
-    return value
+    return missing if value is None else value

@@ -1,7 +1,7 @@
 """How well something predicts the episodes that were never handed over."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import mujoco
@@ -13,6 +13,34 @@ from nas_data.errors import NasError
 
 # commands (E, T, n), first positions and speeds (E, 2n) → positions (E, T, n)
 Predict = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreshErrors:
+    """Errors of a prediction of the fresh episodes, RMSE [rad].
+
+    Attributes:
+        floor: Of a perfect prediction.
+        after: Of the prediction; None where it left all bounds, or nothing could be predicted.
+    """
+
+    floor: float
+    after: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelErrors(FreshErrors):
+    """Errors of a delivered model, and of others beside it.
+
+    Attributes:
+        before: Of the nominal model; None where it left all bounds.
+        fault: Why the delivered model cannot be used; None if it can.
+        least: Of who knows the answer; None where no model file says it.
+    """
+
+    before: float | None
+    fault: str | None = field(default=None, metadata={"optional": True})
+    least: float | None = None
 
 
 @dataclass(frozen=True)
@@ -49,24 +77,23 @@ class Fresh:
         """RMSE that a perfect prediction would have, of noise and rounding alone [rad]."""
         return float(np.sqrt(np.square(self.readings - self.positions)[:, 1:].mean()))
 
-    def error(self, predict: Predict) -> float:
-        """Return a prediction's RMSE over all joints and steps [rad]; infinite where it left all bounds."""
+    def error(self, predict: Predict) -> float | None:
+        """Return a prediction's RMSE over all joints and steps [rad]; None where it left all bounds."""
         predicted = predict(self.commands, self.starts)
         error = float(np.sqrt(np.square(predicted - self.readings[:, 1:]).mean()))
-        return error if np.isfinite(error) else float("inf")
+        return error if np.isfinite(error) else None
 
-    def errors_of_models(self, folder: Path, delivered: Path) -> dict[str, float | str]:
-        """Return the RMSE [rad] of the nominal model, of the delivered one, and the floor."""
-        servos = find_actuators(folder / NOMINAL, self.joints)
-        result: dict[str, float | str] = {"floor": self.floor}
-        result["before"] = self.error(self._load_model(folder / NOMINAL, servos).play)
+    def errors_of_models(self, folder: Path, delivered: Path, least: float | None = None) -> ModelErrors:
+        """Return the errors of the nominal model and of the delivered one, beside that of who knows the answer."""
+        servos, after, fault = find_actuators(folder / NOMINAL, self.joints), None, None
+        before = self.error(self._load_model(folder / NOMINAL, servos).play)
         try:
-            result["after"] = self.error(self._load_model(delivered, servos).play)
+            after = self.error(self._load_model(delivered, servos).play)
         except NasError as error:  # what was delivered is being judged: that it cannot be used is a finding
-            result |= {"after": float("inf"), "fault": str(error)}
-        return result
+            fault = str(error)
+        return ModelErrors(floor=self.floor, before=before, after=after, fault=fault, least=least)
 
-    def error_of(self, model: mujoco.MjModel, nominal: Path) -> float:
+    def error_of(self, model: mujoco.MjModel, nominal: Path) -> float | None:
         """Return the RMSE [rad] of a compiled model whose actuators are those of a nominal one's file."""
         servos = find_actuators(nominal, self.joints)
         return self.error(Delivered.of(model, self.joints, servos, self.rate, nominal).play)

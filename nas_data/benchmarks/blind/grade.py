@@ -41,19 +41,22 @@ class NamesGrade:
 
 @dataclass(frozen=True)
 class ConfidenceGrade:
-    """Confidence of a finding, and whether it is right."""
+    """Confidence of a finding, None in a file where it is not finite, and whether it is right."""
 
-    confidence: float
+    confidence: float | None
     right: bool
 
 
 @dataclass(frozen=True)
 class ParameterGrade:
-    """Error of a parameter relative to its true size, and whether its interval covers the truth, if it has one."""
+    """Error of a parameter relative to its true size, and whether its interval covers the truth, if it has one.
+
+    In a file, an error that is not finite is None.
+    """
 
     effect: str
     parameter: str
-    relative_error: float
+    relative_error: float | None
     covered: bool | None
 
 

@@ -26,7 +26,7 @@ def compute_oracle_error(folder: Path, answer: SealedAnswer, fresh: Fresh) -> fl
     errs until a play, a band or a delayed command has been forgotten; nobody should be asked for less.
 
     Returns:
-        None where the answer is outside the catalogue, or beyond a model file.
+        None where the answer is outside the catalogue or beyond a model file, or the model left all bounds.
     """
     try:
         effects = [make_effect(entry.effect, entry.joint, entry.parameters) for entry in answer.effects]

@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from nas_data.benchmarks.blind.findings import read_mapping, read_number
-from nas_data.benchmarks.blind.run_case import Record
+from nas_data.benchmarks.blind.grade import CaseGrade, ConfidenceGrade
+from nas_data.benchmarks.blind.record import FAILED, CaseFailure, CaseRecord, GradedAnswer, GradedCase
 
 CONFIDENCES = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
 MARKS = (0.3, 1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0)
@@ -27,100 +27,90 @@ SHORT = {
     "seconds": "s",
 }  # fmt: skip
 
-Row = dict[str, object]
+Cell = str | int | float | Mapping[str, int] | None
+Row = dict[str, Cell]
 
 
-def make_tables(records: Sequence[Record]) -> dict[str, list[Row]]:
-    """Return every table of finished cases as rows.
-
-    Args:
-        records: One a case, as `judge` stores them.
-    """
-    named = [record for record in records if "fault" not in record]
-    result = {
+def make_tables(records: Sequence[CaseRecord]) -> dict[str, list[Row]]:
+    """Return every table of finished cases as rows."""
+    grades = [case.grade for case in list_graded(records)]
+    return {
         "families": [summarise_family(*group) for group in group_by_family(records)],
-        "confusions": count_confusions(named),
-        "reliability": compute_reliability(named),
-        "power": compute_power(named),
+        "confusions": count_confusions(grades),
+        "reliability": compute_reliability([entry for grade in grades for entry in grade.confidences]),
+        "power": compute_power(records),
+        "baselines": summarise_baselines(records),
     }
-    return result | {"baselines": summarise_baselines(records)}
 
 
-def group_by_family(records: Sequence[Record]) -> Iterable[tuple[str, str, list[Record]]]:
+def list_graded(records: Sequence[CaseRecord]) -> list[GradedCase]:
+    """Return what the workflow found in the cases that it did not fail in."""
+    return [record.outcome for record in records if isinstance(record.outcome, GradedCase)]
+
+
+def group_by_family(records: Sequence[CaseRecord]) -> Iterable[tuple[str, str, list[CaseRecord]]]:
     """Group by family and plant, in the order in which they first appear."""
-    groups: dict[tuple[str, str], list[Record]] = {}
+    groups: dict[tuple[str, str], list[CaseRecord]] = {}
     for record in records:
-        groups.setdefault((str(record["family"]), str(record["plant"])), []).append(record)
+        groups.setdefault((record.identity.family, record.identity.plant), []).append(record)
     return [(family, plant, group) for (family, plant), group in groups.items()]
 
 
-def summarise_family(family: str, plant: str, records: Sequence[Record]) -> Row:
+def summarise_family(family: str, plant: str, records: Sequence[CaseRecord]) -> Row:
     """Summarise one family on one plant; what failed is wrong, but not confidently so."""
-    done = [record for record in records if "fault" not in record]
-    errors = [entry for record in done for entry in read_list(record["parameters"])]
+    done = list_graded(records)
+    grades, errors, failed = [case.grade for case in done], [case.fresh for case in done], len(records) - len(done)
+    parameters = [entry for grade in grades for entry in grade.parameters]
     return {
         "family": family,
         "plant": plant,
         "cases": len(records),
-        "failed": len(records) - len(done),
-        "exact": compute_share(record.get("exact") for record in records),
-        "confident_wrong": compute_share(record.get("confident_wrong", False) for record in records),
-        "abstained": compute_share(record.get("abstained", False) for record in records),
-        "verdict_right": compute_share(record.get("verdict_right", False) for record in records),
-        "verdicts": dict(Counter(str(record["verdict"]) for record in records)),
-        "rest_over_floor": median(compute_rest(record) for record in done),
-        "least_over_floor": median(
-            compute_rest(record, "least") for record in done if read_mapping(record["fresh"]).get("least")
-        ),
-        "before_over_floor": median(compute_rest(record, "before") for record in done),
-        "parameter_error": median(read_number(entry["relative_error"]) for entry in errors),
-        "covered": compute_share(entry["covered"] for entry in errors if entry["covered"] is not None),
-        "unexplained_joint_named": compute_share(
-            record["unexplained_joint_named"] for record in done if record["unexplained_joint_named"] is not None
-        ),
-        "seconds": median(read_number(record["seconds"]) for record in done),
+        "failed": failed,
+        "exact": compute_share((grade.exact for grade in grades), failed),
+        "confident_wrong": compute_share((grade.confident_wrong for grade in grades), failed),
+        "abstained": compute_share((grade.abstained for grade in grades), failed),
+        "verdict_right": compute_share((grade.verdict_right for grade in grades), failed),
+        "verdicts": Counter([*(str(grade.verdict) for grade in grades), *[FAILED] * failed]),
+        "rest_over_floor": median(compute_rest(one.after, one.floor) for one in errors),
+        "least_over_floor": median(compute_rest(one.least, one.floor) for one in errors if one.least),
+        "before_over_floor": median(compute_rest(one.before, one.floor) for one in errors),
+        "parameter_error": median(entry.relative_error for entry in parameters),
+        "covered": compute_share(entry.covered for entry in parameters),
+        "unexplained_joint_named": compute_share(grade.unexplained_joint_named for grade in grades),
+        "seconds": median(case.seconds for case in done),
     }
 
 
-def compute_rest(record: Record, key: str = "after") -> float:
-    """Return the error on fresh episodes as a multiple of the floor; infinite where the model was of no use."""
-    fresh = read_mapping(record["fresh"])
-    return read_number(fresh.get(key), np.inf) / read_number(fresh["floor"])
+def compute_rest(error: float | None, floor: float) -> float:
+    """Return an error on fresh episodes as a multiple of the floor; infinite where the model was of no use."""
+    return np.inf if error is None else error / floor
 
 
-def compute_share(values: Iterable[object]) -> float | None:
-    """Return the share of true values; None of none."""
-    flags = [bool(value) for value in values]
-    return sum(flags) / len(flags) if flags else None
+def compute_share(flags: Iterable[bool | None], failed: int = 0) -> float | None:
+    """Return the share of true ones among those that are known and those that failed; None of none."""
+    known = [flag for flag in flags if flag is not None]
+    return sum(known) / (len(known) + failed) if known or failed else None
 
 
-def median(values: Iterable[float]) -> float | None:
-    """Return the median; None of none."""
-    known = [value for value in values if not np.isnan(value)]
+def median(values: Iterable[float | None]) -> float | None:
+    """Return the median of those that are known; None of none."""
+    known = [value for value in values if value is not None]
     return float(np.median(known)) if known else None
 
 
-def count_confusions(records: Sequence[Record]) -> list[Row]:
+def count_confusions(grades: Sequence[CaseGrade]) -> list[Row]:
     """Count, for cases that hide one effect, what was named: effects by name, joints aside."""
     rows: dict[str, Counter[str]] = {}
-    for record in records:
-        true, named = read_sequence(record["true"]), read_sequence(record["named"])
-        if len(true) > 1:
-            continue
-        row = rows.setdefault(read_effect(true[0]) if true else NOTHING, Counter())
-        row.update([read_effect(name) for name in named] or [NOTHING])
+    for grade in grades:
+        if len(grade.true) <= 1:
+            row = rows.setdefault(grade.true[0][0] if grade.true else NOTHING, Counter())
+            row.update([effect for effect, _ in grade.named] or [NOTHING])
     return [{"true": effect, "named": dict(rows[effect].most_common())} for effect in sorted(rows)]
 
 
-def read_effect(name: object) -> str:
-    """Return the effect of a stored name, a list of effect and joint."""
-    return str(read_sequence(name)[0])
-
-
-def compute_reliability(records: Sequence[Record]) -> list[Row]:
+def compute_reliability(findings: Sequence[ConfidenceGrade]) -> list[Row]:
     """Compare the confidence of findings with how often they were right."""
-    findings = [entry for record in records for entry in read_list(record["confidences"])]
-    known = [(read_number(entry["confidence"]), bool(entry["right"])) for entry in findings]
+    known = [(one.confidence, one.right) for one in findings if one.confidence is not None]
     rows: list[Row] = []
     for low, high in pairwise(CONFIDENCES):
         inside = [pair for pair in known if low <= pair[0] < high or (high == 1.0 and pair[0] == 1.0)]
@@ -130,61 +120,51 @@ def compute_reliability(records: Sequence[Record]) -> list[Row]:
     return rows
 
 
-def compute_power(records: Sequence[Record]) -> list[Row]:
+def compute_power(records: Sequence[CaseRecord]) -> list[Row]:
     """Return how often single effects were found by how much they show, as multiples of the noise floor."""
-    single = [record for record in records if len(read_sequence(record["true"])) == 1 and record["family"] != "outside"]
-    seen = [(read_number(read_sequence(record["marks"])[0]), record) for record in single]
+    catalogued = list_graded([record for record in records if record.identity.family != "outside"])
+    single = [case.grade for case in catalogued if len(case.grade.true) == 1]
     rows: list[Row] = []
     for low, high in pairwise((*MARKS, np.inf)):
-        inside = [record for mark, record in seen if low <= mark < high]
+        inside = [grade for grade in single if low <= grade.marks[0] < high]
         if inside:
-            row: Row = {"from": low, "to": high, "cases": len(inside)}
-            for key in ("exact", "confident_wrong", "abstained"):
-                row[key] = compute_share(record[key] for record in inside)
-            rows.append(row)
+            shares = {
+                "exact": compute_share(grade.exact for grade in inside),
+                "confident_wrong": compute_share(grade.confident_wrong for grade in inside),
+                "abstained": compute_share(grade.abstained for grade in inside),
+            }
+            rows.append({"from": low, "to": high, "cases": len(inside), **shares})
     return rows
 
 
-def summarise_baselines(records: Sequence[Record]) -> list[Row]:
+def summarise_baselines(records: Sequence[CaseRecord]) -> list[Row]:
     """Summarise the baselines by family, over all plants, beside the workflow's own rest."""
     rows: list[Row] = []
-    names = dict.fromkeys(name for record in records for name in read_mapping(record.get("baselines", {})))
-    for name in names:
-        for family in dict.fromkeys(str(record["family"]) for record in records):
+    for name in dict.fromkeys(name for record in records for name in record.baselines):
+        for family in dict.fromkeys(record.identity.family for record in records):
             answers = [
-                read_mapping(read_mapping(record["baselines"])[name])
+                record.baselines[name].outcome
                 for record in records
-                if record["family"] == family and name in read_mapping(record.get("baselines", {}))
+                if record.identity.family == family and name in record.baselines
             ]
             rows.append(summarise_baseline(name, family, answers))
     return rows
 
 
-def summarise_baseline(name: str, family: str, answers: Sequence[Mapping[str, object]]) -> Row:
+def summarise_baseline(name: str, family: str, answers: Sequence[CaseFailure | GradedAnswer]) -> Row:
     """Summarise one baseline on one family."""
-    done = [dict(answer) for answer in answers if "fault" not in answer]
+    done = [answer for answer in answers if isinstance(answer, GradedAnswer)]
+    failed = len(answers) - len(done)
     return {
         "baseline": name,
         "family": family,
         "cases": len(answers),
-        "failed": len(answers) - len(done),
-        "exact": compute_share(answer.get("exact") for answer in answers),
-        "confident_wrong": compute_share(answer.get("confident_wrong", False) for answer in answers),
-        "rest_over_floor": median(compute_rest(answer) for answer in done),
-        "seconds": median(read_number(answer["seconds"]) for answer in done),
+        "failed": failed,
+        "exact": compute_share((answer.grade.exact for answer in done), failed),
+        "confident_wrong": compute_share((answer.grade.confident_wrong for answer in done), failed),
+        "rest_over_floor": median(compute_rest(answer.fresh.after, answer.fresh.floor) for answer in done),
+        "seconds": median(answer.seconds for answer in done),
     }
-
-
-def read_sequence(value: object) -> Sequence[object]:
-    """Return a JSON list."""
-    if not isinstance(value, list | tuple):
-        raise TypeError(f"a list is needed, given {value!r}")
-    return value
-
-
-def read_list(value: object) -> list[Mapping[str, object]]:
-    """Return a JSON list of objects."""
-    return [read_mapping(item) for item in read_sequence(value)]
 
 
 def print_tables(found: Mapping[str, Sequence[Row]]) -> str:
@@ -208,14 +188,12 @@ def align_columns(rows: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
-def format_cell(key: str, value: object) -> str:
+def format_cell(key: str, value: Cell) -> str:
     """Return one value as a person reads it."""
     if value is None:
         return "–"
     if isinstance(value, Mapping):
-        return ", ".join(f"{name} {count}" for name, count in read_mapping(value).items())
+        return ", ".join(f"{name} {count}" for name, count in value.items())
     if isinstance(value, str | int):
         return str(value)
-    if key in PERCENT or key == "right":
-        return f"{read_number(value):.0%}"
-    return f"{read_number(value):.3g}"
+    return f"{value:.0%}" if key in PERCENT or key == "right" else f"{value:.3g}"

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from nas_data.benchmarks.hardware import describe_hardware
+from nas_data.benchmarks.hardware import read_hardware
 from nas_data.dataset.provenance import format_current_time, read_provenance
 from nas_data.gap.report import GapReport
 from nas_data.gap.showing.page_charts import draw_joint_errors as errors_by_joint
@@ -234,16 +234,14 @@ def make_policies_blocks(demo: Demo, runs: Runs) -> Sequence[Block]:
 
 def list_facts(demo: Demo) -> dict[str, str]:
     """Return the facts behind the page: machine, times, data, seeds, versions."""
-    plan, machine = demo.plan, describe_hardware()
+    plan, machine = demo.plan, read_hardware()
     stages = {name: read_stage(name, demo.folder) for name in ("record", "names", "models", "policies")}
-    versions = machine["versions"]
-    assert isinstance(versions, Mapping)
     times = ", ".join(f"{name} {done.seconds:.0f} s" for name, done in stages.items())
     hashes = {name: find_newest(demo, name) for name in (TRAIN, HELDOUT)}
     provenances = {name: read_provenance(path) for name, path in hashes.items()}
     return {
         "Made": f"{format_current_time()} by nas demo",
-        "Machine": f"{machine['processor']}, {machine['cores']} cores, {machine['system']}",
+        "Machine": f"{machine.processor}, {machine.cores} cores, {machine.system}",
         "Time": f"{times}; {sum(done.seconds for done in stages.values()) / 60:.1f} min in all",
         "Load meanwhile": ", ".join(f"{done.load:g}" for done in stages.values()) + " processes",
         **{
@@ -254,5 +252,5 @@ def list_facts(demo: Demo) -> dict[str, str]:
         f"{plan.forward.updates} for ψ",
         "Seeds": f"recordings {plan.seed} and {plan.seed + 1}, networks {plan.delta.seed}, policies "
         + ", ".join(map(str, plan.seeds)),
-        "Versions": ", ".join(f"{name} {version}" for name, version in versions.items()),
+        "Versions": ", ".join(f"{name} {version}" for name, version in machine.versions.items()),
     }

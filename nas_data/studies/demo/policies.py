@@ -8,8 +8,8 @@ import numpy as np
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare
 from nas_data.policies.evaluate import score_baselines
+from nas_data.policies.hyperparameters import Hyperparameters
 from nas_data.policies.intervals import describe_bootstrap
-from nas_data.policies.learner import Hyperparameters
 from nas_data.policies.watching import watching
 from nas_data.runs.stages import INDENT, StageResult
 from nas_data.studies.demo.learning import FOLDERS, count_cores

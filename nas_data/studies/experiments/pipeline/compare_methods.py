@@ -7,8 +7,8 @@ import numpy as np
 
 from nas_data.envs.base import find_task_file
 from nas_data.policies.compare import Comparison, Study, compare
+from nas_data.policies.hyperparameters import Hyperparameters
 from nas_data.policies.intervals import compute_median_interval, describe_interval, format_median
-from nas_data.policies.learner import Hyperparameters
 from nas_data.policies.share import format_share_heading
 from nas_data.policies.watching import watching
 from nas_data.reports.experiment_figures import Panel
