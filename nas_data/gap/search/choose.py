@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from nas_data.gap.search.constants import EXPLAINED, LEADERS, LITTLE, MANY, MUCH, TRIED
+from nas_data.gap.search.constants import LEADERS, LITTLE, MANY, MUCH, TRIED
 from nas_data.gap.search.fit import fit
 from nas_data.gap.search.hypothesis import Hypothesis
 from nas_data.gap.search.moves import add, drop, line_scan, restart
@@ -33,14 +33,14 @@ class Choice:
 def choose(search: Search) -> Choice:
     """Search in both directions.
 
-    If the smooth fit leaves an error, but only few joints err much, effects are added to the model first. If they
-    explain every joint, the search ends, and the plain fit is not refined.
+    If the smooth fit leaves few joints unexplained, effects are added to the model first. If they explain every joint,
+    the search ends, and the plain fit is not refined.
     """
     first = search.current_round
     if not search.find_joints_above_floor(search.null):
         return Choice(search.null, search.null, search.task.fine)
     plain, fine, early = fit_smooth(search), search.task.fine, None
-    if not is_explained(search, plain) and count_erring_joints(search) <= TRIED:
+    if 0 < search.count_unexplained(plain) <= TRIED:
         early = search_up(search, search.null)
         free = search.rescore(plain)
         if is_explained(search, early) and early.score < free.fit.loss + free.heldout_misfit:
@@ -147,7 +147,7 @@ def is_simple(h: Hypothesis) -> bool:
 
 def is_explained(search: Search, h: Hypothesis) -> bool:
     """Whether the held-out error of every excited joint is near its noise floor."""
-    return bool(search.floor_ratios(h)[find_excited_indices(search)].max() <= EXPLAINED)
+    return search.count_unexplained(h) == 0
 
 
 def apply_moves(search: Search, h: Hypothesis, names: tuple[str, ...]) -> Hypothesis:
@@ -192,13 +192,3 @@ def is_stuck(search: Search, h: Hypothesis, gained_before: float) -> bool:
     gained = search.null.score.over(h.score)
     lost = set(line_scan.find_unexplained_joints(search, h)) == search.excited
     return lost and gained - gained_before < LITTLE * gained
-
-
-def count_erring_joints(search: Search) -> int:
-    """Return the number of excited joints that the model as given does not explain."""
-    return int((search.floor_ratios(search.null)[find_excited_indices(search)] > EXPLAINED).sum())
-
-
-def find_excited_indices(search: Search) -> list[int]:
-    """Return the indices of the excited joints."""
-    return [place for place, joint in enumerate(search.train.nominal.joints) if joint in search.excited]

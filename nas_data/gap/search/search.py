@@ -9,6 +9,7 @@ from nas_data.effects.base import Effect, Scales
 from nas_data.gap.floor import compute_floor_ratios
 from nas_data.gap.search.constants import (
     AT_FLOOR,
+    EXPLAINED,
     FAR_BEHIND,
     LEADERS,
     LITTLE,
@@ -280,6 +281,11 @@ class Search:
     def floor_ratios(self, hypothesis: Hypothesis) -> np.ndarray:
         """Return the held-out error over the noise floor, geometric mean over episodes, shape (n,)."""
         return compute_floor_ratios(hypothesis.heldout, self.held.floor)
+
+    def count_unexplained(self, hypothesis: Hypothesis) -> int:
+        """Return the number of excited joints whose held-out error is far above the floor."""
+        errors = zip(self.train.nominal.joints, self.floor_ratios(hypothesis), strict=True)
+        return sum(ratio > EXPLAINED for joint, ratio in errors if joint in self.excited)
 
     def find_joints_above_floor(self, hypothesis: Hypothesis) -> set[str]:
         """Return the excited joints above their floor or with base parameters beyond their prior."""
