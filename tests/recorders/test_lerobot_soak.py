@@ -76,11 +76,12 @@ def test_fifty_episodes_at_50_hz_come_late_in_less_than_a_row_in_a_thousand(caps
 def test_a_hundred_kills_lose_nothing_that_was_called_saved(folder):
     options = ["--episodes", str(MORE_THAN_SAVED), "--name", "rec"]
     promised, kept = 0, None
-    with VirtualBus(replace(arm_of(folder), wire_delay=False, lockstep=True)) as bus:
+    with VirtualBus(replace(arm_of(folder), wire_delay=False, lockstep=True)) as bus, contextlib.ExitStack() as killed:
         rng, known = np.random.default_rng(0), driver(folder, bus.port)
         for _ in range(KILLS):
             recorder = multiprocessing.get_context("fork").Process(target=record, args=(folder, bus.port, *options))
             recorder.start()
+            killed.callback(recorder.kill)  # a recorder that is left holds the bus open
             until = time.monotonic() + PATIENCE
             while saved() <= promised and time.monotonic() < until:
                 assert recorder.is_alive()
