@@ -14,7 +14,7 @@ from nas_data.dataset.features import ACTION, STATE, make_position_feature, make
 from nas_data.dataset.transitions import as_transitions
 from nas_data.effects.base import parse
 from nas_data.errors import DatasetInvalid, JointMismatch
-from nas_data.gap.workflow import rms
+from nas_data.gap.deliver import rms
 from nas_data.joint_units import average_by_kind, convert_hinge_unit, find_display_unit, format_table_unit
 from nas_data.metrics import Errors, format_error_table
 from nas_data.pairing import pair

@@ -10,12 +10,12 @@ import pytest
 from nas_data.cli import main
 from nas_data.effects.base import parse
 from nas_data.gap import score_model as added_file
+from nas_data.gap.deliver import deliver
 from nas_data.gap.name import Naming
 from nas_data.gap.problem import Problem
 from nas_data.gap.score_model import HeldOutResult, score_model
 from nas_data.gap.search.final import FinalFit
 from nas_data.gap.search.hypothesis import Description
-from nas_data.gap.workflow import deliver
 from nas_data.robots import ergojr
 from nas_data.runs.progress import silence
 

@@ -1,0 +1,150 @@
+"""Delivery: write the model with the named effects, or one that predicts better."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.gap.episode_batch import EpisodeBatch
+from nas_data.gap.floor import compute_floor_ratios
+from nas_data.gap.name import ADEQUATE, Naming
+from nas_data.gap.problem import Problem
+from nas_data.gap.score_model import HeldOutResult, predict_held, score_model
+from nas_data.gap.search.final import FinalFit, fit_final
+from nas_data.gap.search.hypothesis import Description
+from nas_data.gap.write_model import write_effects
+from nas_data.joint_units import average_by_kind
+from nas_data.runs.progress import Report
+
+Delivered = tuple[Naming, HeldOutResult]
+
+
+def deliver(problem: Problem, naming: Naming, folder: Path, say: Report) -> Delivered:
+    """Write the model with the named effects, or a better one if the plain fit or given model predicts better.
+
+    The file of the named effects is accepted if it reaches the noise floor, or the better of plain fit and given model.
+    Else other models are tried in order, and the first that is accepted is written.
+    """
+    found = Delivery(problem, naming, folder, score_model(problem, naming.final, naming.null, naming.plain, folder))
+    if found.accepts(found.outcome.written):
+        return naming, found.outcome
+    say("the written names predict held-out episodes worse than the plain fit or the model as given")
+    for attempt in (fit_with_fine_steps, keep_written_names, add_plain_fit):
+        if delivered := attempt(found):
+            return delivered
+    return leave_names_out(found)
+
+
+@dataclass(frozen=True)
+class Delivery:
+    """Named effects with their score, in whose place another model may be delivered.
+
+    Attributes:
+        problem: Recording and model.
+        naming: Named effects.
+        folder: Folder of the report.
+        outcome: Predictions of the models with the names as found.
+    """
+
+    problem: Problem
+    naming: Naming
+    folder: Path
+    outcome: HeldOutResult
+
+    def accepts(self, predicted: np.ndarray) -> bool:
+        """Whether predictions reach the noise floor, or the better of plain fit and given model."""
+        squares = self.problem.held.evidence.mean_squares(predicted)
+        at_floor = compute_floor_ratios(squares, self.problem.held.floor).max() <= ADEQUATE
+        return bool(at_floor) or self.rms(predicted) <= min(self.rms(self.outcome.plain), self.rms(self.outcome.before))
+
+    def rms(self, predicted: np.ndarray) -> float:
+        """Return the held-out error over all joints, each divided by its noise floor or that of its kind."""
+        held = self.problem.held
+        scales = average_by_kind(held.floor, held.evidence.joints, held.nominal.slides)
+        return rms(held.evidence, predicted, scales)
+
+    def score(self, final: FinalFit) -> HeldOutResult:
+        """Write and score another model."""
+        return score_model(self.problem, final, self.naming.null, self.naming.plain, self.folder)
+
+    def fit(self, description: Description, factors: Mapping[str, float], fine: bool, **options: int) -> FinalFit:
+        """Fit another description to the training episodes, with finer physics steps or without."""
+        return fit_final(replace(self.problem.train, fine=fine), description, dict(factors), **options)
+
+    @property
+    def names(self) -> Description:
+        """Description of the named effects at their fitted values."""
+        return self.naming.description.with_effects(self.naming.final.effects)
+
+    @property
+    def has_hooks(self) -> bool:
+        """Whether a named effect needs a hook in simulation."""
+        return not all(effect.in_model for effect in self.naming.final.effects)
+
+    @cached_property
+    def with_plain(self) -> Description:
+        """Description of the named effects with everything that the plain fit changes."""
+        return self.names.merge(self.naming.plain_description)
+
+    @cached_property
+    def factors_with_plain(self) -> dict[str, float]:
+        """Initial factors for `with_plain`: the plain fit's, and those of the names where it frees nothing."""
+        bound = {name: f for name, f in self.naming.final.factors.items() if name not in self.with_plain.freed}
+        return {**self.naming.plain.factors, **bound}
+
+
+def fit_with_fine_steps(found: Delivery) -> Delivered | None:
+    """Fit the names with finer physics steps, if they have effects that a file expresses only with fine steps."""
+    final = found.naming.final
+    if not found.has_hooks or final.fine:
+        return None
+    fine = found.fit(found.names, final.factors, fine=True, rounds=1)
+    outcome = found.score(fine)
+    return (found.naming.with_fit(fine), outcome) if found.accepts(outcome.written) else None
+
+
+def keep_written_names(found: Delivery) -> Delivered | None:
+    """Write the names that MJCF expresses with the changes of the plain fit, if all names simulate well enough."""
+    if not found.has_hooks or not found.accepts(found.outcome.after):
+        return None
+    final = found.naming.final
+    part = found.fit(select_written_effects(found.with_plain), found.factors_with_plain, final.fine)
+    if not found.accepts(predict_held(found.problem, part)):
+        return None
+    written = found.score(part)
+    write_effects(found.folder, final.effects, final.factors, slides=found.problem.held.nominal.slides)
+    return found.naming, replace(written, after=found.outcome.after, whole=False, delivered="names of MJCF and plain")
+
+
+def add_plain_fit(found: Delivery) -> Delivered | None:
+    """Write all names with the changes of the plain fit."""
+    if not found.naming.findings:
+        return None
+    together = found.fit(found.with_plain, found.factors_with_plain, found.naming.final.fine)
+    if not found.accepts(predict_held(found.problem, together)):
+        return None
+    return found.naming.with_fit(together), replace(found.score(together), delivered="names and plain")
+
+
+def leave_names_out(found: Delivery) -> Delivered:
+    """Write the better of plain fit and given model, without names."""
+    is_plain = found.rms(found.outcome.plain) <= found.rms(found.outcome.before)
+    final = found.naming.plain if is_plain else FinalFit((), {}, (), fine=False)
+    problem = found.problem if is_plain else found.problem.with_contacts()
+    outcome = replace(found, problem=problem).score(final)
+    nameless = replace(found.naming, findings=(), rivals=(), final=final)
+    return nameless, replace(outcome, delivered="plain" if is_plain else "given")
+
+
+def select_written_effects(description: Description) -> Description:
+    """Return the description without the effects that a model file does not express by itself."""
+    effects = tuple(effect for effect in description.effects if effect.in_model)
+    names = {effect.name() for effect in effects}
+    return replace(description, effects=effects, shared=description.shared & names)
+
+
+def rms(evidence: EpisodeBatch, predicted: np.ndarray, scales: np.ndarray) -> float:
+    """Return the error over all episodes and joints, each divided by its scale [rad; m], shape (n,)."""
+    return float(np.sqrt((evidence.mean_squares(predicted) / scales**2).mean()))
