@@ -43,6 +43,7 @@ class Device:
         self._pending, self._active = list(faults), list[Fault]()
         self._reader = arm.kind.protocol.reader()
         self._last_received = 0.0
+        self.disturbed = 0  # instructions and replies that faults changed or delayed
 
     def inject(self, fault: Fault) -> None:
         """Add a fault; it acts at once if its time has passed."""
@@ -78,15 +79,17 @@ class Device:
         if now - self._last_received > SILENCE:
             self._reader.forget()
         self._last_received = now
+        sent = data
         for fault in self._active:
             data = fault.instruction(data, self._rng)
-        spent, sent = 0.0, list[tuple[float, bytes]]()
+        self.disturbed += data != sent
+        spent, replies = 0.0, list[tuple[float, bytes]]()
         for packet in self._reader.feed(data):
             spent += compute_transmission_time(len(packet.encode()), self._baud) if self._wire_delay else 0.0
             answers = self._answer(packet)
-            sent += [(spent + after, content) for after, content in answers]
-            spent = sent[-1][0] if answers else spent
-        return sent
+            replies += [(spent + after, content) for after, content in answers]
+            spent = replies[-1][0] if answers else spent
+        return replies
 
     def _answer(self, packet: Packet) -> list[tuple[float, bytes]]:
         self.advance()
@@ -94,8 +97,10 @@ class Device:
         self.clock.observe(packet)  # afterwards, so that lock-step time advances with the new goal
         replies = [(after * self._wire_delay, content) for after, content in sent]
         late = sum(fault.delay(self._rng) for fault in self._active) if replies else 0.0
+        sound = replies
         for fault in self._active:
             replies = [(after, fault.reply(content, self._rng)) for after, content in replies]
+        self.disturbed += sum(one != other for one, other in zip(replies, sound, strict=True)) or late > 0
         return [(after + late, content) for after, content in replies]
 
     @property

@@ -3,6 +3,7 @@
 A thread would share Python's global interpreter lock with the recorder, whose busy loop would delay the servos.
 """
 
+import contextlib
 import subprocess
 import sys
 from types import TracebackType
@@ -45,6 +46,13 @@ class VirtualBus:
     def repair(self) -> None:
         """End the faults that disturb the line."""
         self._say("repair")
+
+    def count_disturbed(self) -> int:
+        """Return how many packets the faults changed or delayed; 0 where the line is gone."""
+        assert self._process.stdout is not None
+        with contextlib.suppress(BrokenPipeError):
+            self._say("count")
+        return int(self._process.stdout.readline() or 0)
 
     def stop(self) -> None:
         """Stop the process."""

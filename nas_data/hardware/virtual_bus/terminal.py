@@ -37,7 +37,7 @@ class Terminal:
         """Serve until the stream of orders ends or a fault disconnects the adapter.
 
         Args:
-            orders: File descriptor of lines such as `fault unplugged:servo=3` and `repair`.
+            orders: File descriptor of lines such as `fault unplugged:servo=3`, `repair`, and `count`.
         """
         with contextlib.suppress(LineGone):
             while self._serve_once(orders):
@@ -77,3 +77,5 @@ class Terminal:
                 self._device.inject(parse(rest))
             elif word == "repair":
                 self._device.repair()
+            elif word == "count":
+                print(self._device.disturbed, flush=True)
