@@ -1,6 +1,6 @@
 """Difference of two hypotheses in an experiment after one is fitted to the other."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -79,7 +79,8 @@ def compute_separations(
     start = parameters.initial_theta(dict(follower.factors))
     second = task.nominal.predict(evidence, follower.effects, parameters.factors_at(start))
     # common columns are measured for all experiments in one batch; each experiment is then fitted alone
-    common = [column for column in range(parameters.size) if not is_concerned(parameters, column, concerned)]
+    places = {*concerned, None} if len(concerned) == len(nominal.joints) else {*concerned}
+    common = [column for column in range(parameters.size) if not is_concerned(parameters, column, places)]
     known = dict(zip(common, measure_jacobian(task, parameters, start, second, common), strict=True))
 
     def follow(episode: int) -> np.ndarray:
@@ -92,11 +93,11 @@ def compute_separations(
     return np.asarray(np.where(counted, np.sqrt(squares) / floor, 0.0))
 
 
-def is_concerned(parameters: FreeParameters, column: int, concerned: Sequence[str]) -> bool:
-    """Whether a column belongs to an effect of a concerned joint or of the whole arm."""
+def is_concerned(parameters: FreeParameters, column: int, places: Collection[str | None]) -> bool:
+    """Whether a column belongs to an effect at one of some places: joints, or None for the whole arm."""
     if column >= len(parameters.effect_parameters):
         return False
-    return any(effect.joint is None or effect.joint in concerned for effect in parameters.effects_of(column))
+    return any(effect.joint in places for effect in parameters.effects_of(column))
 
 
 def compute_mean_squares(task: FitTask, found: Fit | None) -> np.ndarray:
