@@ -1,4 +1,4 @@
-"""Tuned constants of the search, in one place. `docs/search.md` says what was measured of each."""
+"""Tuned constants of the search, in one place."""
 
 # Scores [nats]
 PRICE = 12.0  # of an effect or a freed parameter of the model
