@@ -43,6 +43,7 @@ LASTING = (
     "no_sync_read",
 )
 OUT_OF_REACH = ("adapter_pulled", "unplugged", "lost_packet", "duplicate_id")  # a servo may be beyond any command then
+LATE_ROWS = ("rows come at", "are missing before")  # in findings; a disturbed line waits for lost packets
 LARGEST_STEP = 0.15  # [rad] of an arm in a period: commands go at 2 rad/s, and two may be lost in a row
 
 
@@ -119,9 +120,9 @@ def check_stop(folder: Path, bus: VirtualBus, fault: str, said: list[str]) -> No
 
 
 def check_recording(root: Path, episodes: int) -> None:
-    """Check that a recording is sound and moves as an arm does."""
+    """Check that a recording moves as an arm does, and that `verify` finds nothing but the rows that came late."""
     dataset = read(root)
-    assert verify(root) == []
+    assert not [finding for finding in verify(root) if not any(words in finding for words in LATE_ROWS)]
     assert dataset.n_episodes == episodes
     assert np.abs(dataset.next_states[:, :6] - dataset.states[:, :6]).max() < LARGEST_STEP
 
