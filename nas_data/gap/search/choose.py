@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from nas_data.gap.search.constants import LEADERS, LITTLE, MANY, MUCH, TRIED
+from nas_data.gap.search.constants import LEADERS, LITTLE, MANY, MUCH, TRIED, UNEXPLAINED
 from nas_data.gap.search.fit import fit
 from nas_data.gap.search.hypothesis import Hypothesis
 from nas_data.gap.search.moves import add, drop, line_scan, restart
@@ -34,20 +34,25 @@ def choose(search: Search) -> Choice:
     """Search in both directions.
 
     If the smooth fit leaves few joints unexplained, effects are added to the model first. If they explain every joint,
-    the search ends, and the plain fit is not refined.
+    the search ends. The smooth fit is refined before that only where it nearly explains every joint, else after.
     """
     first = search.current_round
     if not search.find_joints_above_floor(search.null):
         return Choice(search.null, search.null, search.task.fine)
-    plain, fine, early = fit_smooth(search), search.task.fine, None
+    plain = fit_smooth(search)
+    if is_near := bool(search.floor_ratios(plain).max() <= UNEXPLAINED):
+        plain = refine_smooth(search, plain)
+    there, early = search.current_round, None
     if 0 < search.count_unexplained(plain) <= TRIED:
+        search.return_to(first)
         early = search_up(search, search.null)
         free = search.rescore(plain)
         if is_explained(search, early) and early.score < free.fit.loss + free.heldout_misfit:
-            return Choice(early, plain, fine)
-        search.return_to(first)
-        plain = search.rescore(plain)
-    plain = add_limits(search, refine_smooth(search, plain))
+            return Choice(early, plain, there.task.fine)
+        search.return_to(there)
+    if not is_near:
+        plain = refine_smooth(search, plain)
+    plain = add_limits(search, plain)
     fine = search.task.fine
     search.return_to(first)
     return Choice(search_both(search, first, plain, early), plain, fine)
