@@ -62,7 +62,7 @@ class DatasetInfo:
 
     @classmethod
     def read(cls, root: Path) -> "DatasetInfo":
-        """Read the file of a dataset.
+        """Read the file of a dataset; an entry that is null counts as missing.
 
         Raises:
             DatasetNotFound: there is no dataset at the path.
@@ -82,7 +82,7 @@ class DatasetInfo:
                 f"{root}_old."
             )
         try:
-            info = from_json(cls, content)
+            info = from_json(cls, {key: value for key, value in content.items() if value is not None})
         except FormError as error:
             raise DatasetInvalid(f"{path} is damaged ({error}); restore it from a copy.") from None
         if info.fps <= 0:

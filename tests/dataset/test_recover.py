@@ -143,6 +143,7 @@ METADATA = {
     "stats": _break(layout.STATS),
     "provenance": _break(layout.PROVENANCE),
     "totals": lambda root: edit_json(root / layout.INFO, total_frames=9999, total_episodes=99),
+    "null totals": lambda root: edit_json(root / layout.INFO, total_frames=None, total_episodes=None),
     "fewer": lambda root: edit_json(root / layout.INFO, total_frames=20, total_episodes=1),
 }
 

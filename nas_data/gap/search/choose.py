@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from nas_data.gap.search.constants import LEADERS, LITTLE, MANY, MUCH, TRIED, UNEXPLAINED
+from nas_data.gap.search.constants import FAR_ABOVE, FEW, LITTLE, MANY, MUCH, PARTS_PER_JOINT
 from nas_data.gap.search.fit import fit
 from nas_data.gap.search.hypothesis import Hypothesis
 from nas_data.gap.search.moves import add, drop, line_scan, restart
@@ -40,10 +40,10 @@ def choose(search: Search) -> Choice:
     if not search.find_joints_above_floor(search.null):
         return Choice(search.null, search.null, search.task.fine)
     plain = fit_smooth(search)
-    if is_near := bool(search.floor_ratios(plain).max() <= UNEXPLAINED):
+    if is_near := bool(search.floor_ratios(plain).max() <= FAR_ABOVE):
         plain = refine_smooth(search, plain)
     there, early = search.current_round, None
-    if 0 < search.count_unexplained(plain) <= TRIED:
+    if 0 < search.count_unexplained(plain) <= FEW:
         search.return_to(first)
         early = search_up(search, search.null)
         free = search.rescore(plain)
@@ -74,7 +74,7 @@ def search_both(search: Search, first: Round, plain: Hypothesis, early: Hypothes
     """
     down = search_down(search, plain)
     first_addition = None
-    if is_large := len(drop.list_parts(down)) > LEADERS * len(search.excited):
+    if is_large := len(drop.list_parts(down)) > PARTS_PER_JOINT * len(search.excited):
         there = search.current_round
         search.return_to(first)
         first_addition = add.add_first(search)
@@ -147,7 +147,7 @@ def search_down(search: Search, plain: Hypothesis) -> Hypothesis:
 def is_simple(h: Hypothesis) -> bool:
     """Whether a hypothesis has few parts, or parts of one kind only."""
     kinds = {part if isinstance(part, str) else part.name() for part in drop.list_parts(h)}
-    return len(drop.list_parts(h)) <= TRIED or len(kinds) == 1
+    return len(drop.list_parts(h)) <= FEW or len(kinds) == 1
 
 
 def is_explained(search: Search, h: Hypothesis) -> bool:
@@ -173,7 +173,7 @@ def refine(search: Search, h: Hypothesis) -> Hypothesis:
     comparison allows. Effects that compensated half-way are dropped at its end. This is skipped for many effects, where
     each fit takes minutes.
     """
-    while 0 < len(h.effects) <= MANY and line_scan.find_unexplained_joints(search, h):
+    while 0 < len(h.effects) <= MANY and line_scan.find_joints_far_above(search, h):
         before = search.null.score.over(h.score)
         h = search.relinearise(line_scan.apply(search, h))
         better = restart.apply(search, h)
@@ -195,5 +195,5 @@ def is_stuck(search: Search, h: Hypothesis, gained_before: float) -> bool:
     The missing effect is then not in the catalogue, or the search has passed it. More effects would only overfit.
     """
     gained = search.null.score.over(h.score)
-    lost = set(line_scan.find_unexplained_joints(search, h)) == search.excited
+    lost = set(line_scan.find_joints_far_above(search, h)) == search.excited
     return lost and gained - gained_before < LITTLE * gained

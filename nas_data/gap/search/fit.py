@@ -6,12 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nas_data.effects.base import Effect
-from nas_data.gap.search.constants import CONVERGED, TRIED
+from nas_data.gap.search.constants import CONVERGED
 from nas_data.gap.search.objective import FitTask, MovedJoints, Score
 from nas_data.gap.search.parameters import STEP, FreeParameters, Label
 from nas_data.gap.side_by_side import map_in_parallel
 
 DAMPING = (0.0, 0.003, 0.01, 0.03, 0.1, 1.0, 10.0)  # Levenberg-Marquardt damping, tried in this order
+MAX_JACOBIAN_AGE = 3  # steps after which the Jacobian is measured again, if allowed
 NEGLECTED_SHARE = 0.15  # share of a column's norm in other joints that is neglected
 MAX_STEP = 1.5  # largest step of θ, a factor of 4.5 in a parameter
 
@@ -208,7 +209,7 @@ def fit(
         if little and (fresh or not jacobian_refreshes):
             break
         age, fresh = age + 1, False
-        if jacobian_refreshes and (little or age >= TRIED) and number + 1 < steps:
+        if jacobian_refreshes and (little or age >= MAX_JACOBIAN_AGE) and number + 1 < steps:
             jacobian[again] = measure_jacobian(task, parameters, theta, predicted, again)
             jacobian_refreshes, age, fresh = jacobian_refreshes - 1, 0, True
     return Fit(parameters, theta, predicted, task.misfit(predicted), jacobian, task.objective)

@@ -25,6 +25,7 @@ from nas_data.gap.side_by_side import map_in_parallel
 
 SHORT_STEPS = 8_000  # most physics steps of one rollout of short windows
 FACTORS = (1.0, 0.3, 0.1, 0.03)  # initial factors of all gains; filters take the first and the last
+INITIAL_SHARE = 0.1  # of a joint\'s scale: initial value of an effect that the model lacks
 NEARLY = 0.3  # [nats per observation] by which a start may be worse than the best and still be fitted
 FACTOR, ADDED, LOWERED = "factor", "added", "lowered"
 EFFECT_OF_PARAMETER = {  # effect: the equivalent freed parameter, and how its value is converted
@@ -96,13 +97,13 @@ def describe_plain_fit(search: Search, joints: Collection[str]) -> Description:
     for joint in filter(joints.__contains__, nominal.joints):
         sizes = search.scales[nominal.joints.index(joint)]
         lacking = {
-            "coulomb_friction": ("torque", SOME * sizes.torque, float(spec.joint(joint).frictionloss)),
+            "coulomb_friction": ("torque", INITIAL_SHARE * sizes.torque, float(spec.joint(joint).frictionloss)),
             "viscous_friction": (
                 "coefficient",
-                SOME * compute_natural_damping(sizes),
+                INITIAL_SHARE * compute_natural_damping(sizes),
                 float(spec.joint(joint).damping[0]),
             ),
-            "rotor_inertia": ("inertia", SOME * sizes.inertia, float(spec.joint(joint).armature)),
+            "rotor_inertia": ("inertia", INITIAL_SHARE * sizes.inertia, float(spec.joint(joint).armature)),
         }
         effects += [make_effect(name, joint, {key: size}) for name, (key, size, own) in lacking.items() if own == 0]
         if read_servo_stiffness(spec, joint) > 0:

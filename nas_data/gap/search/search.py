@@ -14,9 +14,9 @@ from nas_data.gap.search.constants import (
     LEADERS,
     LITTLE,
     ODD_ERROR,
+    ROUNDS,
     SEARCH_EPISODES,
     SEARCH_ROWS,
-    TRIED,
 )
 from nas_data.gap.search.fit import Fit, evaluate_loss, fit, is_effect_or_freed, measure_jacobian, measure_moved_joints
 from nas_data.gap.search.hypothesis import (
@@ -172,7 +172,7 @@ class Search:
         the valley of the other parameters. If much changes, the bounded base parameters also restart at the model's
         values, since they had compensated for the missing effect.
         """
-        for _ in range(TRIED):
+        for _ in range(ROUNDS):
             better = self.fit_round(h)
             gained = self.null.score.over(better.score)
             if self.rescore(h).score.over(better.score) < max(FAR_BEHIND, LITTLE * gained):

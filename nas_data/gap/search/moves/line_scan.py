@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from nas_data.gap.search.constants import PRICE, SOME, TRIED, UNEXPLAINED
+from nas_data.gap.search.constants import FAR_ABOVE, PRICE, ROUNDS
 from nas_data.gap.search.fit import Fit, evaluate_loss
 from nas_data.gap.search.hypothesis import Hypothesis
 from nas_data.gap.search.objective import FitTask, Score
@@ -19,6 +19,7 @@ from nas_data.simulators.initial_states import InitialLoad
 # local minima in a play's width; the next refine the best value.
 SCANS = ((0.14, 2.4), (0.02, 0.16), (0.004, 0.024))
 PERTURBATION = 1e-4  # [rad] of initial positions, below encoder resolution, to test for chaos
+CHAOTIC = 0.1  # change of rollouts over their errors above which the arm is chaotic
 
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
@@ -26,10 +27,10 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
     return scan_parameters(search, h)
 
 
-def find_unexplained_joints(search: Search, kept: Hypothesis) -> list[str]:
+def find_joints_far_above(search: Search, kept: Hypothesis) -> list[str]:
     """Return the excited joints that are far from explained."""
     rest = zip(search.train.nominal.joints, search.floor_ratios(kept), strict=True)
-    return [joint for joint, left in rest if left > UNEXPLAINED and joint in search.excited]
+    return [joint for joint, left in rest if left > FAR_ABOVE and joint in search.excited]
 
 
 def scan_parameters(search: Search, h: Hypothesis, anyway: bool = False) -> Hypothesis:
@@ -70,7 +71,7 @@ def scan_parameters(search: Search, h: Hypothesis, anyway: bool = False) -> Hypo
 
 def select_columns(search: Search, h: Hypothesis) -> list[int]:
     """Return the columns of effects in joints that are far from explained."""
-    joints = find_unexplained_joints(search, h)
+    joints = find_joints_far_above(search, h)
     own = [
         {effect.joint for effect in h.fit.parameters.effects_of(c)}
         for c in range(len(h.fit.parameters.effect_parameters))
@@ -86,7 +87,7 @@ def is_chaotic(task: FitTask, h: Hypothesis) -> bool:
     one, other = (each.predict(h.fit.parameters, h.fit.theta) for each in (task, nudged))
     if one is None or other is None:
         return False
-    return float(np.square(other - one).mean()) > SOME**2 * float(task.evidence.mean_squares(one).mean())
+    return float(np.square(other - one).mean()) > CHAOTIC**2 * float(task.evidence.mean_squares(one).mean())
 
 
 def scan(
@@ -99,7 +100,7 @@ def scan(
     """Return the best θ of scans along single parameters, repeated while they gain enough, and its loss."""
     best, reached = theta, evaluate_loss(task, parameters, theta)
     for apart, reach in scans:
-        for _ in range(TRIED):
+        for _ in range(ROUNDS):
             before = reached
             for column in columns:
                 places = vary_column(parameters, best, column, np.arange(-reach, reach + apart, apart))

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from nas_data import registry
 from nas_data.count_of import count_of
 from nas_data.effects.base import Effect, find_effect
-from nas_data.gap.search.constants import FAR_BEHIND, LEADERS, MANY, TRIED
+from nas_data.gap.search.constants import FAR_BEHIND, LEADERS, MANY, ROUNDS, TRIED
 from nas_data.gap.search.hypothesis import Hypothesis, effect_key
 from nas_data.gap.search.moves.drop import estimate_losses
 from nas_data.gap.search.search import Search
@@ -22,7 +22,7 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
     numbers = select_doubted(search, h)
     search.say(f"  letting {len(numbers)} of {count_of(len(h.effects), 'effect')} face rivals")
     add_rivals(search, h, numbers)
-    for _ in range(TRIED):
+    for _ in range(ROUNDS):
         found = find_better_rival(search, h, select_doubted(search, h))
         if found is None:
             return h
