@@ -15,6 +15,7 @@ ROOT = Path(__file__).parent
 T = TypeVar("T")
 
 
+@cache
 def list_names(folder: str) -> tuple[str, ...]:
     """Return the names that a plug-in folder holds, for example every effect of `effects/`."""
     files = list_visible_files(ROOT.joinpath(*folder.split(".")), "*.py")

@@ -1,6 +1,7 @@
 """Copies of a model without meshes and other assets, with the same masses and dynamics."""
 
 import ctypes
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +12,8 @@ from nas_data.mjcf.bake_inertia import bake_inertia
 
 SHAPES = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF, mujoco.mjtGeom.mjGEOM_HFIELD)
 ALL_DIGITS = 17  # significant digits with which a double reads back exactly
+
+_precision_lock = threading.Lock()  # the precision is one setting of the process
 
 
 def needs_files(spec: mujoco.MjSpec) -> bool:
@@ -87,9 +90,10 @@ def _write_fitted_shape(geom: mujoco.MjsGeom, model: mujoco.MjModel) -> None:
 def _full_precision() -> Iterator[None]:
     """Let MuJoCo write numbers with all digits instead of six; its Python binding has no option for this."""
     library = ctypes.CDLL(str(next(Path(mujoco.__file__).parent.glob("libmujoco*"))))
-    before = library._mjPRIVATE__get_xml_precision()
-    library._mjPRIVATE__set_xml_precision(ALL_DIGITS)
-    try:
-        yield
-    finally:
-        library._mjPRIVATE__set_xml_precision(before)
+    with _precision_lock:
+        before = library._mjPRIVATE__get_xml_precision()
+        library._mjPRIVATE__set_xml_precision(ALL_DIGITS)
+        try:
+            yield
+        finally:
+            library._mjPRIVATE__set_xml_precision(before)

@@ -223,6 +223,14 @@ def test_friction_that_does_not_fall_with_speed_is_dry_whether_two_names_share_i
     assert friction.torque == pytest.approx(0.03, rel=0.03)
 
 
+def test_dry_friction_takes_the_place_of_friction_under_load_that_is_no_better():
+    search = begun(arm(), DRY)
+    kept = fitted(search, "load_friction:joint=j1,ratio=0.05")
+    (friction,) = simplify.apply(search, kept).effects
+    assert friction.name() == "coulomb_friction"
+    assert friction.torque == pytest.approx(0.03, rel=0.05)
+
+
 @pytest.mark.slow
 def test_friction_that_falls_with_speed_stays_what_it_is():
     hidden = STRIBECK.format(0.05, 0.3, 0.3)

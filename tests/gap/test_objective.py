@@ -10,6 +10,7 @@ from support.evidence_samples import QUANTUM, measured
 from support.search_samples import arm, played, tasks
 
 from nas_data.effects.base import parse
+from nas_data.gap.nominal import with_timestep
 from nas_data.gap.search.fit import evaluate_loss, fit
 from nas_data.gap.search.objective import MAX_VELOCITY_STEP, FitTask, ObjectiveMismatch, Score
 from nas_data.gap.search.parameters import FreeParameters, select_free_base
@@ -73,6 +74,22 @@ def test_the_physics_steps_of_a_recording_are_told_after_both_were_fitted(fine: 
     assert task.fine == fine
     assert task.timestep == (5e-4 if fine else 2e-3)
     assert choose_timestep(task, better)[0].fine == fine
+
+
+@pytest.mark.parametrize("fine", [False, True])
+@pytest.mark.parametrize(("coefficient", "longer"), [(0.2, True), (0.0, False)])
+def test_rollouts_take_longer_steps_while_errors_are_large(fine: bool, coefficient: float, longer: bool):
+    """Whichever physics steps the recording is taken to have; the correction makes up for the longer ones."""
+    nominal, evidence = measured(f"viscous_friction:joint=m2,coefficient={coefficient}" if coefficient else "")
+    evidence = replace(evidence, measured=evidence.measured + (0.05 if longer else 0.0))
+    parameters = FreeParameters((), nominal.base)
+    theta = parameters.initial_theta()
+    task = FitTask(nominal, evidence, FLOOR, fine=fine).correct_timestep((), {})
+    assert (task.coarse_model is not None) == longer
+    predicted = task.predict(parameters, theta)
+    assert predicted is not None
+    own = with_timestep(nominal, task.timestep).predict(evidence)
+    assert np.allclose(predicted, own, atol=1e-9)
 
 
 @pytest.mark.parametrize("off", [0.0, 1.0, -2.0, 30.0])

@@ -117,6 +117,8 @@ def search_up(
         larger, first_addition = first_addition or add.apply(search, h), None
         if larger is h:
             break
+        if len(larger.effects) > len(h.effects) + 1:
+            larger = drop.drop_several(search, larger)
         gained = search.null.score.over(h.score)
         h = apply_moves(search, search.relinearise(line_scan.apply(search, larger)), MOVES_AFTER_ADDITION)
         search.report("added", h)

@@ -11,7 +11,7 @@ from nas_data.gap.search.objective import FitTask, MovedJoints, Score
 from nas_data.gap.search.parameters import STEP, FreeParameters, Label
 from nas_data.gap.side_by_side import map_in_parallel
 
-DAMPING = (0.0, 0.003, 0.01, 0.03, 0.1, 1.0, 10.0)  # Levenberg-Marquardt damping, tried in this order
+DAMPING = (0.0, 0.01, 0.1, 1.0, 10.0)  # Levenberg-Marquardt damping, tried in this order
 MAX_JACOBIAN_AGE = 3  # steps after which the Jacobian is measured again, if allowed
 NEGLECTED_SHARE = 0.15  # share of a column's norm in other joints that is neglected
 MAX_STEP = 1.5  # largest step of θ, a factor of 4.5 in a parameter
@@ -194,15 +194,16 @@ def fit(
     jacobian[list(known)] = [known[column] for column in known] if known else 0.0
     missing = [column for column in every if column not in known]
     jacobian[missing] = measure_jacobian(task, parameters, theta, predicted, missing)
-    age, fresh = 0, not known
+    age, fresh, first = 0, not known, 0
     for number in range(steps):
         if number and measured_always and not fresh:
             columns = measured_always
             jacobian[columns] = measure_jacobian(task, parameters, theta, predicted, columns)
-        found = take_step(task, parameters, theta, predicted, jacobian, loss)
+        found = take_step(task, parameters, theta, predicted, jacobian, loss, DAMPING[first:])
         little = found is None
         if found is not None:
-            moved, other, better = found
+            moved, other, better, damping = found
+            first = max(0, DAMPING.index(damping) - 1)
             jacobian = jacobian + broyden_update(jacobian, moved - theta, other - predicted)
             little = loss - better < compute_convergence_tolerance(task)
             theta, predicted, loss = moved, other, better
@@ -211,7 +212,7 @@ def fit(
         age, fresh = age + 1, False
         if jacobian_refreshes and (little or age >= MAX_JACOBIAN_AGE) and number + 1 < steps:
             jacobian[again] = measure_jacobian(task, parameters, theta, predicted, again)
-            jacobian_refreshes, age, fresh = jacobian_refreshes - 1, 0, True
+            jacobian_refreshes, age, fresh, first = jacobian_refreshes - 1, 0, True, 0
     return Fit(parameters, theta, predicted, task.misfit(predicted), jacobian, task.objective)
 
 
@@ -241,8 +242,9 @@ def take_step(
     predicted: np.ndarray,
     jacobian: np.ndarray,
     loss: float,
-) -> tuple[np.ndarray, np.ndarray, float] | None:
-    """Return θ, positions and loss after a step that lowers the loss; None if no damping achieves or predicts that."""
+    dampings: Sequence[float],
+) -> tuple[np.ndarray, np.ndarray, float, float] | None:
+    """Return θ, positions, loss and damping of a step that lowers the loss; None if no damping gains or promises it."""
     low, high = parameters.bounds()
     hessian, gradient = build_normal_equations(task, predicted, jacobian)
     before = compute_prior_penalty(parameters, theta)
@@ -250,7 +252,7 @@ def take_step(
     def solve(prior: np.ndarray, damping: float) -> np.ndarray:
         return solve_bounded(hessian + np.diag(prior), gradient + prior * theta, damping, low - theta, high - theta)
 
-    for damping in DAMPING:
+    for damping in dampings:
         change = solve(parameters.prior_weights(theta) ** 2, damping)
         change = solve(parameters.prior_weights(theta + change) ** 2, damping)  # the prior depends on the sign of θ
         change *= min(1.0, MAX_STEP / max(float(np.abs(change).max()), 1e-12))
@@ -266,7 +268,7 @@ def take_step(
         other = task.predict(parameters, moved)
         better = task.misfit(other) + compute_prior_penalty(parameters, moved)
         if other is not None and better < loss:
-            return moved, other, better
+            return moved, other, better, damping
     return None
 
 

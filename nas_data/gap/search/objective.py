@@ -180,33 +180,41 @@ class FitTask:
         timestep delays it by about half a step, which exceeds the noise.
         """
         own, small = self.nominal, with_timestep(self.nominal, self.timestep)
-        if own.spec.option.timestep == small.spec.option.timestep:
-            return self.with_own_timestep()
         try:
-            rough, finer = (each.predict(self.evidence, effects, factors) for each in (own, small))
-            coarse = self.choose_coarse_model(rough, finer)
-            if coarse is not None:
-                rough = coarse.predict(self.evidence, effects, factors)
+            target = small.predict(self.evidence, effects, factors)
+            coarse = self.choose_coarse_model(target, effects, factors)
+            if coarse is None and own.spec.option.timestep == small.spec.option.timestep:
+                return self.with_own_timestep()
+            rough = (coarse or own).predict(self.evidence, effects, factors)
         except ModelFileError:
             return self.with_own_timestep()
-        return replace(self, correction=finer - rough, coarse_model=coarse)
+        return replace(self, correction=target - rough, coarse_model=coarse)
 
-    def choose_coarse_model(self, rough: np.ndarray, finer: np.ndarray) -> Nominal | None:
-        """Return the model with a longer timestep whose effect is well below the errors; None without one.
-
-        The change of positions is taken to be proportional to the timestep (first-order integrator).
+    def choose_coarse_model(
+        self, target: np.ndarray, effects: Sequence[Effect], factors: dict[str, float]
+    ) -> Nominal | None:
+        """Return the model with a longer timestep that changes every joint's rollouts much less than their errors.
 
         Args:
-            rough: Positions at the model's own timestep [rad; m], shape (E, T, n).
-            finer: Positions at the recording's timestep.
+            target: Positions at the recording's physics steps [rad; m], shape (E, T, n).
+            effects: Effects of the hypothesis.
+            factors: Factors of the model's parameters, by name.
+
+        Returns:
+            The model; None without one.
         """
-        own, small = float(self.nominal.spec.option.timestep), self.timestep
-        change = np.sqrt(self.evidence.mean_squares(self.evidence.measured + rough - finer).mean(0))
-        left = MUCH * np.sqrt(self.evidence.mean_squares(finer).mean(0))
+        own, errors = float(self.nominal.spec.option.timestep), self.evidence.mean_squares(target).mean(0)
         for multiple in MULTIPLES:
             step = find_whole_step(self.nominal.period, multiple * own)
-            if step > own and (change * (step - small) < left * (own - small)).all():
-                return with_timestep(self.nominal, step)
+            if step > own:
+                coarse = with_timestep(self.nominal, step)
+                try:
+                    predicted = coarse.predict(self.evidence, effects, factors)
+                except ModelFileError:
+                    continue
+                changes = self.evidence.mean_squares(self.evidence.measured + predicted - target).mean(0)
+                if (changes < MUCH**2 * errors).all():
+                    return coarse
         return None
 
     def with_own_timestep(self) -> "FitTask":

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from nas_data.count_of import count_of
-from nas_data.gap.search.constants import EXPLAINED, FAR_BEHIND, LEADERS, PARAMETER_PRICE, PRICE, SHORTLIST, TRIED
+from nas_data.gap.search.constants import EXPLAINED, FAR_BEHIND, LEADERS, MANY, PARAMETER_PRICE, PRICE, SHORTLIST, TRIED
 from nas_data.gap.search.fit import Fit
 from nas_data.gap.search.hypothesis import (
     Description,
@@ -18,13 +18,18 @@ from nas_data.gap.side_by_side import map_in_parallel
 
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
-    """Add the best effect: screened around the model, then around the present fit, then without screening."""
+    """Add the best effect: screened around the model, then around the present fit.
+
+    If a hypothesis has few effects, every effect of the worst joints is tried last, without screening.
+    """
     around = h.fit if h.effects or h.description.freed else search.nominal.fit
     ranked = extend(search, h, around)
     better = add_best(search, h, ranked if h.effects else look_ahead(search, h, ranked))
     if better is h and around is not h.fit:
         better = add_best(search, h, extend(search, h, h.fit))
-    return add_best(search, h, fit_worst_joints(search, h)) if better is h else better
+    if better is h and len(h.effects) <= MANY:
+        better = add_best(search, h, fit_worst_joints(search, h))
+    return better
 
 
 def add_first(search: Search) -> Hypothesis:
