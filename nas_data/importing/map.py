@@ -158,11 +158,6 @@ class Map:
     servo: ServoTicks | None = None
 
     @property
-    def commands_positions(self) -> bool:
-        """Whether every joint is commanded positions."""
-        return set(self.command.conversion.kinds) == {"position"}
-
-    @property
     def fps(self) -> float:
         """Control rate of the dataset [Hz]."""
         return self.resample.rate if self.resample else self.rate

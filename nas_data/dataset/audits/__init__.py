@@ -36,8 +36,8 @@ def audit_dataset(dataset: Dataset) -> tuple[AuditFinding, ...]:
     """
     # Where units are stored, someone knows them: as_transitions refuses others than rad.
     known = bool(dataset.features[STATE].units)
-    effort = not dataset.commands_positions
-    expected = Expected(rate=dataset.fps, slides=dataset.slides, effort=effort, turns=known)
+    kinds = dict(zip(dataset.joints, dataset.kinds, strict=True))
+    expected = Expected(rate=dataset.fps, slides=dataset.slides, kinds=kinds, turns=known)
     return tuple(finding for recording in extract_recordings(dataset) for finding in audit(recording, expected))
 
 

@@ -1,10 +1,11 @@
 """Expectations and findings of audits."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from nas_data.dataset.features import POSITION
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.timing import LATE
 from nas_data.joint_units import compute_angle_scales
@@ -20,7 +21,7 @@ class Expected:
         jitter: Largest deviation of a time step, as a share of the period.
         limits: Limits [rad; m] by joint; joints without limits are absent.
         slides: Names of the slide joints, in metres and newtons instead of radians and newton metres.
-        effort: Whether commands are not positions [rad; m].
+        kinds: Command quantity by joint: `.pos`, `.vel` or `.effort`; absent joints are commanded positions.
         turns: Whether joints may exceed two turns.
         resampled: Whether rows are resampled to even steps before use.
         derived: Whether velocities are derived from positions instead of read.
@@ -33,12 +34,16 @@ class Expected:
     jitter: float = LATE
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     slides: Collection[str] = frozenset()
-    effort: bool = False
+    kinds: Mapping[str, str] = field(default_factory=dict)
     turns: bool = False
     resampled: bool = False
     derived: bool = False
     promise: str = "the dataset promises"
     without_clock: str = "say uniform = true in [read.time] in place of 'column' and 'unit'"
+
+    def find_commanded(self, joints: Sequence[str], kind: str) -> np.ndarray:
+        """Return which joints are commanded one quantity, as a mask of shape (n,)."""
+        return np.array([self.kinds.get(joint, POSITION) == kind for joint in joints], bool)
 
 
 @dataclass(frozen=True)
@@ -83,11 +88,12 @@ class AuditFinding:
 def find_radian_equivalents(recording: Recording, expected: Expected) -> np.ndarray:
     """Return what stands for a radian at each joint [rad; slides m], shape (n,): thresholds of angles are times this.
 
-    It is 1 at hinges. A slide's range stands for that of a usual hinge: it is that of its limits, else of its commands,
-    else of its positions.
+    It is 1 at hinges. A slide's range stands for that of a usual hinge: it is that of its limits, else of its commanded
+    positions, else of its positions.
     """
-    reach = np.ptp(recording.positions, axis=0) if expected.effort else np.ptp(recording.commands, axis=0)
-    reach = np.where(reach > 0, reach, np.ptp(recording.positions, axis=0))
+    moved, commanded = np.ptp(recording.positions, axis=0), np.ptp(recording.commands, axis=0)
+    positional = expected.find_commanded(recording.joints, POSITION)
+    reach = np.where(positional & (commanded > 0), commanded, moved)
     limits = [float(np.ptp(expected.limits.get(joint, (0.0, 0.0)))) for joint in recording.joints]
     return compute_angle_scales(recording.joints, expected.slides, np.where(limits, limits, reach))
 

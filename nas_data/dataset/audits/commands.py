@@ -3,6 +3,7 @@
 import numpy as np
 
 from nas_data.dataset.audits.base import AuditFinding, Expected
+from nas_data.dataset.features import POSITION
 from nas_data.dataset.recording import Recording
 
 ENOUGH = 20  # rows from which a correlation says something
@@ -17,10 +18,11 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
 
     That factor is about 57 between degrees and radians, 1,000 between millimetres and metres.
     """
-    if expected.effort or len(recording) < ENOUGH:
+    if len(recording) < ENOUGH:
         return []
     found = []
-    for index, joint in enumerate(recording.joints):
+    for index in np.flatnonzero(expected.find_commanded(recording.joints, POSITION)):
+        joint = recording.joints[index]
         command, position = recording.commands[:, index], recording.positions[:, index]
         spread = float(np.std(command)), float(np.std(position))
         if min(spread) < 1e-9:
