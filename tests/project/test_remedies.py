@@ -241,6 +241,29 @@ def test_a_joint_that_the_model_lacks_is_named_as_in_the_model(here, capsys):
     assert main(["import", "log.npz", "--map", "map.toml", "--model", "arm.xml", "--out", "done"]) == 0
 
 
+def test_a_measured_joint_that_mimics_another_is_left_out_of_the_map_as_is_said(here, capsys):
+    mimic = '<mimic joint="j1" multiplier="-1"/>'
+    inertia = '<mass value="0.1"/><inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/>'
+    links = "".join(f'<link name="{name}"><inertial>{inertia}</inertial></link>' for name in ("l1", "l2"))
+    joints = "".join(
+        f'<joint name="{joint}" type="revolute"><parent link="base"/><child link="{link}"/><axis xyz="0 0 1"/>'
+        f'<limit lower="-2" upper="2" effort="2" velocity="5"/>{more}</joint>'
+        for joint, link, more in (("j1", "l1", ""), ("j2", "l2", mimic))
+    )
+    Path("gripper.urdf").write_text(f'<robot name="gripper"><link name="base"/>{links}{joints}</robot>')
+    write_log(here / "log.npz", columns_of(motion()))
+    write_map(here, map_text(joints='["j1", "j2"]'))
+    assert main(["import", "log.npz", "--map", "map.toml", "--out", "both"]) == 0
+    said = refused(capsys, "pair", "both", "--model", "gripper.urdf")
+    assert "'j2' of gripper.urdf follows 'j1'" in said and "leave it out of 'joints' of the map" in said
+    write_map(here, map_text(joints='["j1"]', **{
+        key: f'column = "{column}"\ncomponents = [0]\nunit = "{unit}"'
+        for key, column, unit in (("position", "q", "rad"), ("register", "dq", "rad/s"), ("command", "goal", "rad"))
+    }))  # fmt: skip
+    assert main(["import", "log.npz", "--map", "map.toml", "--out", "one"]) == 0
+    assert main(["pair", "one", "--model", "gripper.urdf", "--out", "paired"]) == 0
+
+
 def test_two_joints_that_the_map_takes_for_one_another_are_told_by_the_models_limits(here, capsys):
     """Positions and commands are exchanged alike, so that they agree with each other."""
     ends = ARM.replace('range="-2 2"', 'range="0.4 2"', 1).replace('range="-2 2"', 'range="-1 0.3"', 1)
