@@ -31,7 +31,7 @@ def audit(recording: Recording, mapping: Map) -> list[AuditFinding]:
 def make_expected(mapping: Map) -> Expected:
     """Return the expectations of a map for the audits."""
     kinds = mapping.command.conversion.kinds
-    expected = Expected(
+    return Expected(
         rate=mapping.rate,
         max_speed=mapping.thresholds.max_speed,
         jitter=mapping.thresholds.jitter,
@@ -40,9 +40,9 @@ def make_expected(mapping: Map) -> Expected:
         kinds={joint: SUFFIXES[kind] for joint, kind in zip(mapping.joints, kinds, strict=True)},
         resampled=mapping.resample is not None,
         derived=mapping.derive_velocity,
-        promise="the map says",
+        promise="the map says" if mapping.remedies is None else "the dataset promises",
+        remedies=mapping.remedies,
     )
-    return replace(expected, without_clock="say --uniform") if mapping.layout.format == "lerobot" else expected
 
 
 def check_degrees(recording: Recording, mapping: Map) -> list[AuditFinding]:
@@ -59,7 +59,8 @@ def check_degrees(recording: Recording, mapping: Map) -> list[AuditFinding]:
             "robot hardly moved"
         )
         radians = "--unit rad" if mapping.layout.format == "lerobot" else f"unit = 'rad' in [read.{quantity.name}]"
-        remedy = f"if these are radians, say {radians}, if they are degrees, add allow = ['unit_slip'] to [audit]"
+        own = f"{mapping.remedies.elsewhere} " if mapping.remedies else ""
+        remedy = f"if these are radians, say {radians}, if they are degrees, {own}add allow = ['unit_slip'] to [audit]"
         found.append(AuditFinding("unit_slip", recording.label, what, remedy, error=True))
     return found
 

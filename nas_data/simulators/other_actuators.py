@@ -80,9 +80,9 @@ def warn_of_held_actuators(
         joint = model.joint(int(model.dof_jntid[moved[0]])).name
         through = f" through {words}" if (words := describe_transmission(model, actuator)) else ""
         warn_once(
-            f"the actuator{_quote(model, actuator)} of {name} pulls '{joint}'{through} and gets no command: it stays at "
-            "its reference and works against the joint's own actuator; take it out of the model if the robot does not "
-            "have both."
+            f"the actuator{_quote(model, actuator)} of {name} pulls '{joint}'{through} and gets no command: it stays "
+            "at its reference and works against the joint's own actuator; take it out of the model if the robot does "
+            "not have both."
         )
 
 

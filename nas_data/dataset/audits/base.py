@@ -1,7 +1,8 @@
 """Expectations and findings of audits."""
 
+import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -9,6 +10,30 @@ from nas_data.dataset.features import POSITION
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.timing import LATE
 from nas_data.joint_units import compute_angle_scales
+
+NAMES_MAP = re.compile(r"\[|\bmap\b")  # what a remedy names that only a map file has
+
+
+@dataclass(frozen=True)
+class Remedies:
+    """What puts findings right where a recording is read without a map file.
+
+    Attributes:
+        by_check: Remedies by check; `{rate}` stands for the measured rate [Hz].
+        elsewhere: Where the remedies of other checks that name keys of a map belong, as words before them.
+    """
+
+    by_check: Mapping[str, str]
+    elsewhere: str = ""
+
+    def apply(self, finding: "AuditFinding", rate: float) -> "AuditFinding":
+        """Return a finding of a map file with the remedy that helps here; `rate` as it was measured [Hz]."""
+        if not finding.remedy:
+            return finding
+        if finding.check in self.by_check:
+            return replace(finding, remedy=self.by_check[finding.check].format(rate=f"{rate:.6g}"))
+        names_map = self.elsewhere and NAMES_MAP.search(finding.remedy)
+        return replace(finding, remedy=f"{self.elsewhere} {finding.remedy}") if names_map else finding
 
 
 @dataclass(frozen=True)
@@ -26,7 +51,7 @@ class Expected:
         resampled: Whether rows are resampled to even steps before use.
         derived: Whether velocities are derived from positions instead of read.
         promise: Source of the expected rate, as words for messages.
-        without_clock: How to take the rows as evenly spaced, likewise.
+        remedies: Remedies in place of those of a map file; None for these.
     """
 
     rate: float
@@ -39,7 +64,7 @@ class Expected:
     resampled: bool = False
     derived: bool = False
     promise: str = "the dataset promises"
-    without_clock: str = "say uniform = true in [read.time] in place of 'column' and 'unit'"
+    remedies: Remedies | None = None
 
     def find_commanded(self, joints: Sequence[str], kind: str) -> np.ndarray:
         """Return which joints are commanded one quantity, as a mask of shape (n,)."""
