@@ -90,7 +90,7 @@ def as_slides(dataset: Dataset, metres: float = 0.02) -> Dataset:
 
 def as_mixed(dataset: Dataset, kind: str) -> Dataset:
     """The same motion where the first joint's servo turns velocities or torques into its motion, not positions."""
-    first = dataset.states[:, 2] if kind == VELOCITY else 0.3 * np.cos(np.arange(dataset.n_frames) / dataset.fps)
+    first = dataset.next_states[:, 2] if kind == VELOCITY else 0.3 * np.cos(np.arange(dataset.n_frames) / dataset.fps)
     return replace(
         dataset,
         features=dataset.features | {ACTION: make_action_feature(JOINTS, (kind, POSITION))},
@@ -240,6 +240,66 @@ def test_each_fault_is_heard_beside_a_joint_without_a_position_servo(check, kind
     assert found
     if check.startswith("command"):
         assert all("j2" in finding.what and "j1" not in finding.what for finding in found)
+
+
+WHEEL = """<mujoco><option timestep="0.001" integrator="implicitfast"/><worldbody>
+<body pos="0 0 0.5"><joint name="j1" axis="0 1 0" damping="0.05" armature="0.002"/>
+<geom type="capsule" fromto="0 0 0 0.15 0 0" size="0.01" mass="0.05" contype="0" conaffinity="0"/></body>
+<body pos="0 1 0.5"><joint name="j2" type="slide" axis="1 0 0" damping="0.5" armature="0.1"/>
+<geom type="capsule" fromto="0 0 0 0.1 0 0" size="0.01" mass="0.03" contype="0" conaffinity="0"/></body></worldbody>
+<actuator><velocity joint="j1" kv="1"/><velocity joint="j2" kv="50"/></actuator></mujoco>"""
+
+
+@cache
+def exact_speeds(rate: int, signal: str) -> Dataset:
+    """What a hinge and a slide do that are commanded velocities, to the last bit of what is stored."""
+    model = mujoco.MjModel.from_xml_string(WHEEL)
+    commands = np.ones((6 * rate, 2)) if signal == "constant" else commands_of(signal, rate, 6.0)
+    commands = commands * [2.0, 0.05]
+    data, states = mujoco.MjData(model), []
+    for command in commands:
+        states.append(np.concatenate([data.qpos, data.qvel]))
+        data.ctrl[:] = command
+        mujoco.mj_step(model, data, 1000 // rate)
+    states.append(np.concatenate([data.qpos, data.qvel]))
+    dataset, state = dataset_of(np.array(states), commands, rate, 1), make_state_feature(JOINTS, ("j2",))
+    command = make_action_feature(JOINTS, (VELOCITY, VELOCITY), ("j2",))
+    return replace(dataset, features=dataset.features | {STATE: state, NEXT_STATE: state, ACTION: command})
+
+
+@pytest.mark.parametrize("signal", ["steps", "sines", "constant"])
+@pytest.mark.parametrize("rate", RATES)
+def test_exact_velocity_servos_are_passed_in_silence(rate, signal):
+    assert audit_dataset(exact_speeds(rate, signal)) == ()
+
+
+@pytest.mark.parametrize("signal", ["steps", "sines", "constant"])
+@pytest.mark.parametrize("rate", [20, 50, 100, 1000])
+@pytest.mark.parametrize(
+    ("factors", "check", "error", "units"),
+    [
+        ((180 / np.pi, 1), "command_scale", True, "degrees and radians"),
+        ((np.pi / 180, 1), "command_scale", True, "degrees and radians"),
+        ((60 / (2 * np.pi), 1), "command_scale", False, "turns a minute and rad/s"),
+        ((1, 1000), "command_scale", True, "millimetres and metres"),
+        ((1, 0.001), "command_scale", True, "millimetres and metres"),
+        ((1, 100), "command_scale", False, "centimetres and metres"),
+        ((-1, 1), "command_sign", False, ""),
+        ((1, -1), "command_sign", False, ""),
+    ],
+)
+def test_commanded_velocities_in_another_unit_or_sign_are_heard(rate, signal, factors, check, error, units):
+    dataset = exact_speeds(rate, signal)
+    (found,) = audit_dataset(replace(dataset, columns=dataset.columns | {ACTION: dataset.commands * factors}))
+    assert (found.check, found.error) == (check, error) and units in found.what
+    assert ("j1" in found.what) is (factors[0] != 1)
+
+
+def test_velocities_taken_for_commands_are_heard():
+    dataset = exact_speeds(50, "sines")
+    copied = replace(dataset, columns=dataset.columns | {ACTION: dataset.states[:, 2:]})
+    (found,) = audit_dataset(copied)
+    assert found.check == "command_is_position" and "equals the measured velocity" in found.what
 
 
 def test_large_torques_are_no_angles_and_leave_no_limits():

@@ -3,7 +3,7 @@
 import numpy as np
 
 from nas_data.dataset.audits.base import AuditFinding, Expected, find_radian_equivalents
-from nas_data.dataset.features import POSITION
+from nas_data.dataset.features import POSITION, VELOCITY
 from nas_data.dataset.recording import Recording
 
 ENOUGH = 20  # rows from which a correlation says something
@@ -21,15 +21,20 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
 
 
 def _report_copied_commands(recording: Recording, expected: Expected) -> list[AuditFinding]:
-    """Report joints whose command equals the position in all rows: no servo is so good, a column is so."""
-    same = np.isclose(recording.commands, recording.positions, rtol=0, atol=1e-9).all(axis=0)
-    same &= (recording.positions.std(axis=0) > 1e-6) & expected.find_commanded(recording.joints, POSITION)
-    if not same.any():
-        return []
-    names = ", ".join(joint for joint, copied in zip(recording.joints, same, strict=True) if copied)
-    what = f"the command of {names} equals the measured position in all rows"
-    remedy = "check that [read.command] names the commands, not the positions"
-    return [AuditFinding("command_is_position", recording.label, what, remedy)]
+    """Report joints whose command equals what was measured in all rows: no servo is so good, a column is so."""
+    found = []
+    for kind, name in ((POSITION, "position"), (VELOCITY, "velocity")):
+        measured = recording.positions if kind == POSITION else recording.velocities
+        if measured is None:
+            continue
+        same = np.isclose(recording.commands, measured, rtol=0, atol=1e-9).all(axis=0)
+        same &= (measured.std(axis=0) > 1e-6) & expected.find_commanded(recording.joints, kind)
+        if same.any():
+            names = ", ".join(joint for joint, copied in zip(recording.joints, same, strict=True) if copied)
+            what = f"the command of {names} equals the measured {name} in all rows"
+            remedy = "check that [read.command] names the commands, not what was measured"
+            found.append(AuditFinding("command_is_position", recording.label, what, remedy))
+    return found
 
 
 def _report_swapped_commands(recording: Recording, expected: Expected) -> list[AuditFinding]:
