@@ -7,6 +7,7 @@ import numpy as np
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import POSITION
 from nas_data.dataset.read import read
+from nas_data.joint_units import find_joint_unit
 from nas_data.models.evaluation import Evaluation
 from nas_data.reports.experiment_figures import warn
 from nas_data.reports.prediction_figures import compute_joint_errors, draw_trajectory
@@ -58,6 +59,7 @@ class Sequence:
             self.dataset.commands[rows, self.joint] if commanded else None,
             1 / self.dataset.fps,
             self.dataset.joints[self.joint],
+            find_joint_unit(self.dataset.joints[self.joint], self.dataset.slides),
         )
         warn(figure, quick)
         return to_png(figure)
