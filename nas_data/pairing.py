@@ -35,6 +35,7 @@ SAME_SOURCE = 1e-5  # [rad] engines of other versions and machines differ by les
 # At a slide these two are times what stands for a radian there, see `joint_units.compute_angle_scales`.
 SAME_PLACE = 0.01  # [rad] two readings of one place differ by less
 MARGIN = 0.05  # [rad] by which calibrations of real arms and their models differ
+FACTOR = 2.0  # half ranges from the middle beyond which a wrong unit is likelier than a wrong zero or a soft stop
 
 
 def pair(dataset: Dataset, simulator: Simulator) -> Dataset:
@@ -182,17 +183,17 @@ def check_source(dataset: Dataset, simulator: Simulator) -> None:
         )
 
 
-def warn_of_ranges(dataset: Dataset, model: mujoco.MjModel) -> list[str]:
+def warn_of_ranges(dataset: Dataset, robot: Robot) -> list[str]:
     """Warn of each joint whose range the measured positions leave that the model may be wrong.
 
     Args:
         dataset: Transitions with 2n-states, n joints that the model has.
-        model: The source, without its effects.
+        robot: The source, without its effects.
 
     Returns:
         What was said, a sentence each.
     """
-    found = []
+    found, model = [], robot.spec().compile()
     for place, joint in enumerate(dataset.joints):
         hinge = int(model.joint(joint).type[0]) == int(mujoco.mjtJoint.mjJNT_HINGE)
         low, high = model.joint(joint).range
@@ -202,10 +203,18 @@ def warn_of_ranges(dataset: Dataset, model: mujoco.MjModel) -> list[str]:
         positions = dataset.states[:, place]
         furthest = float(positions[np.argmax(np.maximum(positions - high, low - positions))])
         if not low - margin <= furthest <= high + margin:
-            unit, right = ("rad", "the unit that its compiler's angle= says") if hinge else ("m", "metres")
+            unit = "rad" if hinge else "m"
+            if abs(furthest - (low + high) / 2) <= FACTOR * (high - low) / 2:
+                doubt = "does the arm go further than its model, or count from another zero?"
+            elif not hinge:
+                doubt = "is the model in metres?"
+            elif robot.mjcf.suffix == URDF:
+                doubt = "are its limits in radians, as a URDF has them?"
+            else:
+                doubt = "is the model in the unit that its compiler's angle= says?"
             found.append(
                 f"measured positions of {joint} reach {furthest:.3g} {unit}, outside the model's range "
-                f"{low:.3g} to {high:.3g} {unit}; is the model in {right}?"
+                f"{low:.3g} to {high:.3g} {unit}; {doubt}"
             )
     warn(found)
     return found

@@ -21,7 +21,7 @@ from nas_data.dataset.versions import write_version
 from nas_data.dataset.write import write
 from nas_data.errors import JointMismatch, ModelFileError
 from nas_data.gap.write_model import write_effects
-from nas_data.pairing import check_fits, check_source, pair
+from nas_data.pairing import check_fits, check_source, pair, warn_of_ranges
 from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
 from nas_data.sources import collect_source_files, describe_left_out, find_source, read_kept_files
@@ -362,6 +362,37 @@ def test_a_model_in_the_wrong_unit_is_warned_of(here, capsys, compiler, limits, 
     for command in (["evaluate", "arm.xml", "raw"], ["gap", "find", "raw", "--model", "arm.xml"]):
         assert main(command) in (0, 2)  # a wrong model may diverge
         assert all(warning in capsys.readouterr().err for warning in warnings)
+
+
+@pytest.mark.parametrize(
+    ("kind", "suffix", "share", "asked"),
+    [
+        ("revolute", ".xml", 0.02, "is the model in the unit that its compiler's angle= says?"),
+        ("revolute", ".urdf", 0.02, "are its limits in radians, as a URDF has them?"),
+        ("prismatic", ".xml", 0.02, "is the model in metres?"),
+        ("prismatic", ".urdf", 0.02, "is the model in metres?"),
+        ("revolute", ".xml", 0.8, "does the arm go further than its model, or count from another zero?"),
+        ("revolute", ".urdf", 0.8, "does the arm go further than its model, or count from another zero?"),
+        ("revolute", ".urdf", 1.0, None),
+    ],
+)
+def test_what_is_asked_of_a_model_whose_range_is_left_depends_on_how_far_and_on_its_format(
+    tmp_path, kind, suffix, share, asked
+):
+    dataset = recorded_on(pendulum(), wander((40, 40), size=0.8))
+    limit = share * float(np.abs(dataset.states[:, 0]).max())
+    if suffix == ".urdf":
+        inertia = '<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+        text = f"""<robot name="r"><link name="base"/><link name="arm"><inertial>{inertia}</inertial></link>
+            <joint name="pendulum" type="{kind}"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+            <limit lower="{-limit}" upper="{limit}" effort="1" velocity="1"/></joint></robot>"""
+    else:
+        joint = f'type="{"hinge" if kind == "revolute" else "slide"}" range="{-limit} {limit}" axis='
+        text = hinge().replace('"hinge"', '"pendulum"').replace("axis=", joint)
+        text = text.replace("<option", '<compiler angle="radian"/><option')
+    (tmp_path / f"arm{suffix}").write_text(text)
+    found = warn_of_ranges(dataset, find_robot(tmp_path / f"arm{suffix}"))
+    assert [sentence.partition("; ")[2] for sentence in found] == ([asked] if asked else [])
 
 
 def test_without_a_source_the_remedy_is_named(tmp_path):

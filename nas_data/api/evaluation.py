@@ -74,7 +74,7 @@ def evaluate(
         source = find_judging_source(judged, given, engine, [*own, *folders])
         simulator = source.simulator(recorded) if source else None
         if simulator is not None and given is not None:
-            warn_of_ranges(recorded, find_robot(given).spec().compile())
+            warn_of_ranges(recorded, find_robot(given))
         others, notes = ({}, ()) if not plain_fit or source is None else fit_plain(judged, recorded, source, say)
         if corrected is not None and corrected != given:
             others = {**others, MODEL: locate_source(corrected, (), (), engine).simulator(recorded)}

@@ -14,6 +14,7 @@ from nas_data.dataset.versions import resolve
 from nas_data.errors import LogError, OptionError
 from nas_data.importing.calibration import find_range_middles, match_motors, read_calibration
 from nas_data.importing.lerobot import (
+    BY_OPTIONS,
     CALIBRATION_ATTACHMENT,
     ImportOptions,
     complete_map,
@@ -157,7 +158,8 @@ def find_map(request: ImportRequest) -> tuple[Map | None, tuple[str, ...]]:
         path = request.logs[0]
         check_dataset(path)
         text = map_text(path, request.unit, request.model)
-        mapping = parse_map(MapSection(tomllib.loads(text), f"the map of {path}"), "generated", text)
+        generated = parse_map(MapSection(tomllib.loads(text), f"the map of {path}"), "generated", text)
+        mapping = replace(generated, remedies=BY_OPTIONS)
     else:
         mapping = load_map(request.map)
     if mapping.layout.format == LEROBOT:

@@ -99,7 +99,7 @@ def make_pairs(recorded: Dataset, by: PairingSource) -> Pairing:
     paired = pair_with(recorded, simulator)
     seconds = time.perf_counter() - began
     missing = describe_missing_objects(recorded, simulator)
-    warnings = [*warn_of_ranges(recorded, robot.spec().compile()), *missing]
+    warnings = [*warn_of_ranges(recorded, robot), *missing]
     warn(missing)
     files, remark = keep_source(robot, added, paired, by.engine, model)
     origin, source = recorded.origin, simulator.describe()

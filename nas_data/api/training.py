@@ -224,5 +224,5 @@ def find_training_source(
     if model is None:
         return simulator, read_kept_files(kept_in[0])
     robot = find_robot(model)
-    warn_of_ranges(dataset, robot.spec().compile())
+    warn_of_ranges(dataset, robot)
     return simulator, collect_source_files(robot)

@@ -303,8 +303,8 @@ def refuse(dataset: Dataset, turns: bool) -> None:
     Raises:
         DatasetInvalid: the audits report an error.
     """
-    effort = not dataset.commands_positions
-    expected = Expected(rate=dataset.fps, slides=dataset.slides, effort=effort, turns=turns)
+    kinds = dict(zip(dataset.joints, dataset.kinds, strict=True))
+    expected = Expected(rate=dataset.fps, slides=dataset.slides, kinds=kinds, turns=turns)
     findings = [finding for recording in extract_recordings(dataset) for finding in audit(recording, expected)]
     error = next((finding for finding in findings if finding.error), None)
     if error is not None:

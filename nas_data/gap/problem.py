@@ -93,7 +93,7 @@ class Problem:
         overlaps = find_overlaps(as_given, kept)
         nominal = exclude_contacts(as_given, overlaps)
         simulator = nominal.simulator()
-        warn_of_ranges(transitions, nominal.robot.spec().compile())
+        warn_of_ranges(transitions, nominal.robot)
         evidence = evidence.with_objects(kept, simulator)
         floor = estimate_noise_floor(evidence, measure_step_errors(kept, simulator))
         train, held = split_episodes(evidence)

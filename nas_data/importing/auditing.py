@@ -8,6 +8,7 @@ from nas_data.dataset import audits
 from nas_data.dataset.audits.base import AuditFinding, Expected
 from nas_data.dataset.recording import Recording
 from nas_data.importing.map import LogQuantity, Map
+from nas_data.importing.reading import SUFFIXES
 
 SMALLEST_LIKELY = 3.5  # [°] a whole log within this many degrees of zero is in radians
 AT_REST = 0.02  # [°] in a log that spans less, nothing moves
@@ -29,38 +30,47 @@ def audit(recording: Recording, mapping: Map) -> list[AuditFinding]:
 
 def make_expected(mapping: Map) -> Expected:
     """Return the expectations of a map for the audits."""
-    expected = Expected(
+    kinds = mapping.command.conversion.kinds
+    return Expected(
         rate=mapping.rate,
         max_speed=mapping.thresholds.max_speed,
         jitter=mapping.thresholds.jitter,
         limits=mapping.limits,
         slides=mapping.slides,
-        effort=not mapping.commands_positions,
+        kinds={joint: SUFFIXES[kind] for joint, kind in zip(mapping.joints, kinds, strict=True)},
         resampled=mapping.resample is not None,
         derived=mapping.derive_velocity,
-        promise="the map says",
+        promise="the map says" if mapping.remedies is None else "the dataset promises",
+        remedies=mapping.remedies,
     )
-    return replace(expected, without_clock="say --uniform") if mapping.layout.format == "lerobot" else expected
 
 
 def check_degrees(recording: Recording, mapping: Map) -> list[AuditFinding]:
     """Return errors for quantities in degrees whose numbers are so small that they are likely radians."""
-    quantities = [(mapping.position, recording.positions)]
-    if mapping.commands_positions:
-        quantities.append((mapping.command, recording.commands))
     found = []
-    for quantity, values in quantities:
+    for quantity, values in ((mapping.position, recording.positions), (mapping.command, recording.commands)):
         degrees = _select_degrees(quantity, values)
         if not degrees.size or np.ptp(degrees, axis=0).max() < AT_REST or np.abs(degrees).max() > SMALLEST_LIKELY:
+            continue
+        if quantity is mapping.command and not _contradicts_small_commands(recording, quantity):
             continue
         what = (
             f"the {quantity.name} stays within {np.abs(degrees).max():.3g} as logged, in all joints: as degrees the "
             "robot hardly moved"
         )
         radians = "--unit rad" if mapping.layout.format == "lerobot" else f"unit = 'rad' in [read.{quantity.name}]"
-        remedy = f"if these are radians, say {radians}, if they are degrees, add allow = ['unit_slip'] to [audit]"
+        own = f"{mapping.remedies.elsewhere} " if mapping.remedies else ""
+        remedy = f"if these are radians, say {radians}, if they are degrees, {own}add allow = ['unit_slip'] to [audit]"
         found.append(AuditFinding("unit_slip", recording.label, what, remedy, error=True))
     return found
+
+
+def _contradicts_small_commands(recording: Recording, command: LogQuantity) -> bool:
+    """Whether small commands are surprising: those of all joints, or of some that go further than commanded."""
+    if set(command.conversion.kinds) == {"position"}:
+        return True
+    in_degrees = [unit == "deg" for unit in command.conversion.units]
+    return bool(np.abs(np.degrees(recording.positions[:, in_degrees])).max() > SMALLEST_LIKELY)
 
 
 def _select_degrees(quantity: LogQuantity, values: np.ndarray) -> np.ndarray:

@@ -155,12 +155,14 @@ def with_raw_unit(mapping: Map, unit: str, motors: Sequence[Motor]) -> Map:
 
     def converted(quantity: LogQuantity) -> LogQuantity:
         lines = zip(quantity.conversion.gain, quantity.conversion.bias, quantity.conversion.units, strict=True)
-        changed = [_line(line, unit, servo, motors[index] if motors else None) for index, line in enumerate(lines)]
+        changed = [
+            _line(line, unit, servo, motors[index] if motors else None) if kind == "position" else line
+            for index, (line, kind) in enumerate(zip(lines, quantity.conversion.kinds, strict=True))
+        ]
         gain, bias, units = zip(*changed, strict=True)
         return replace(quantity, conversion=replace(quantity.conversion, gain=gain, bias=bias, units=units))
 
-    command = converted(mapping.command) if mapping.commands_positions else mapping.command
-    return replace(mapping, position=converted(mapping.position), command=command)
+    return replace(mapping, position=converted(mapping.position), command=converted(mapping.command))
 
 
 def _line(

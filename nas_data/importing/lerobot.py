@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.dataset.audits import audit_dataset
-from nas_data.dataset.audits.base import AuditFinding
+from nas_data.dataset.audits.base import AuditFinding, Remedies
 from nas_data.dataset.carried import VIDEO_LEFT_OUT
 from nas_data.dataset.cutting import cut_at, find_gaps
 from nas_data.dataset.dataset import Dataset
@@ -26,6 +26,16 @@ from nas_data.importing.calibration import UNITS, choose_unit, match_motors, rea
 from nas_data.importing.formats import find_folder_kind, is_folder_log
 from nas_data.importing.map import Map, TimeColumn
 from nas_data.importing.reading import read_log
+
+TIMING = {
+    "rate": "say --rate {rate} if the time stamps are right, --uniform if the dataset's rate is",
+    "repeated_time": "say --uniform to take the rows as evenly spaced",
+    "time_backwards": "say --uniform to take the rows as evenly spaced",
+    "irregular_time": "say --uniform if only the time stamps are uneven",
+}
+RESAMPLED = {check: f"{TIMING[check]}, or add [resample] to the map" for check in ("rate", "irregular_time")}
+BY_OPTIONS = Remedies(TIMING, "in a map of your own (--map)")
+BY_OPTIONS_OR_MAP = Remedies(TIMING | RESAMPLED)
 
 SAME_RATE = 1e-6  # relative
 CALIBRATION_ATTACHMENT = "meta/calibration.json"
@@ -91,7 +101,11 @@ def complete_map(mapping: Map, paths: Sequence[Path], options: ImportOptions) ->
         raise OptionError(
             f"{other} runs at {rates[other]:g} Hz, {first} at {rates[first]:g} Hz; import them one at a time."
         )
-    mapping = replace(mapping, rate=options.rate or mapping.rate or rates[first])
+    mapping = replace(
+        mapping,
+        rate=options.rate or mapping.rate or rates[first],
+        remedies=mapping.remedies or BY_OPTIONS_OR_MAP,
+    )
     if options.uniform:
         mapping = replace(mapping, clock=TimeColumn("", "s"))
     motors = []
@@ -186,7 +200,11 @@ def import_dataset(path: Path, options: ImportOptions) -> tuple[Dataset, Provena
         dataset, derived = as_transitions(divided)
     except DatasetInvalid as error:
         raise DatasetInvalid(str(error).replace(REMEDY, import_command(path, recorded))) from None
-    findings = (*_report_gaps(recorded, gaps), *_report_videos(path, original, recorded), *audit_dataset(dataset))
+    findings = (
+        *_report_gaps(recorded, gaps),
+        *_report_videos(path, original, recorded),
+        *audit_dataset(dataset, BY_OPTIONS),
+    )
     refuse(path, findings, recorded)
     provenance = Provenance(
         how="imported",

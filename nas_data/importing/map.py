@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from nas_data.dataset.audits.base import Remedies
 from nas_data.dataset.timing import LATE
 from nas_data.importing.conversion import Conversion
 from nas_data.importing.layout import LogLayout
@@ -132,6 +133,7 @@ class Map:
         task: Task of an episode; `{log}` and the constants are filled in.
         joint_names: Array of the log that holds its joint names, once or in every row; may be empty.
         servo: Servo properties behind LeRobot's units; None if the map gives none.
+        remedies: What puts findings of the audits right where this is no map file; None for the map's keys.
     """
 
     name: str
@@ -156,11 +158,7 @@ class Map:
     task: str
     joint_names: str
     servo: ServoTicks | None = None
-
-    @property
-    def commands_positions(self) -> bool:
-        """Whether every joint is commanded positions."""
-        return set(self.command.conversion.kinds) == {"position"}
+    remedies: Remedies | None = None
 
     @property
     def fps(self) -> float:

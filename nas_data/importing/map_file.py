@@ -125,11 +125,30 @@ def _find_slides(top: MapSection, parsed: Map) -> frozenset[str]:
                 own = top.table("read").table(quantity.name).table("joints").table(joint)
                 where = own.name if own.has("unit") else f"read.{quantity.name}"
                 fitting = [one for one in FACTORS[kind] if one in OF_EITHER or (one in OF_SLIDES) == slide]
+                reason, otherwise = _explain_kind(joint, units[joint], joint in named)
                 raise top.error(
-                    f"'{joint}' is {'a slide' if slide else 'a hinge'} by 'slides' and the unit of its positions, but "
-                    f"its unit in [{where}] is '{unit}'; choose one of: {', '.join(fitting)}."
+                    f"'{joint}' is {'a slide' if slide else 'a hinge'}, because {reason}, but its unit in [{where}] is "
+                    f"'{unit}'; choose one of: {', '.join(fitting)}; or {otherwise}."
                 )
     return slides
+
+
+def _explain_kind(joint: str, unit: str, named: bool) -> tuple[str, str]:
+    """Return why a joint is taken for a slide or a hinge, and what makes it the other.
+
+    Args:
+        joint: Its name.
+        unit: Unit of its positions in the map.
+        named: Whether `slides` names it.
+    """
+    if unit in OF_SLIDES:
+        also = f" and take '{joint}' out of 'slides'" if named else ""
+        return f"its positions are in '{unit}'", f"correct the unit of its positions{also}"
+    if named:
+        return "'slides' names it", f"take '{joint}' out of 'slides'"
+    if unit in OF_EITHER:
+        return f"its positions are in '{unit}' and 'slides' does not name it", f"name '{joint}' in 'slides'"
+    return f"its positions are in '{unit}'", "correct the unit of its positions"
 
 
 class _Quantities:

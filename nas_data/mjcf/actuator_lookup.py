@@ -16,6 +16,12 @@ PAD = "_pressed_pad"  # joint of that pad, in the parent body
 TRANSMISSIONS = (DRIVE, PRESSED)  # suffixes of fixed tendons that replace a joint as a servo's transmission
 REST_SHIFT = "_rest_shift"  # numeric `<joint>_rest_shift`: part of the servo's constant force that an effect added
 ON_JOINT = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)  # equivalent for hinges and slides
+THROUGH = {  # transmissions that reach joints otherwise, as words
+    mujoco.mjtTrn.mjTRN_TENDON: ("tendon", mujoco.mjtObj.mjOBJ_TENDON),
+    mujoco.mjtTrn.mjTRN_SITE: ("site", mujoco.mjtObj.mjOBJ_SITE),
+    mujoco.mjtTrn.mjTRN_SLIDERCRANK: ("slider-crank at the site", mujoco.mjtObj.mjOBJ_SITE),
+    mujoco.mjtTrn.mjTRN_BODY: ("body", mujoco.mjtObj.mjOBJ_BODY),
+}
 DIRECT, TENDON = tuple(map(int, ON_JOINT)), int(mujoco.mjtTrn.mjTRN_TENDON)
 
 
@@ -29,6 +35,26 @@ def find_driven_joint(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> str 
         return None
     joints = [actuator.target.removesuffix(end) for end in TRANSMISSIONS if actuator.target.endswith(end)]
     return next((joint for joint in joints if spec.joint(joint) is not None), None)
+
+
+def describe_transmission(model: mujoco.MjModel, actuator: int) -> str | None:
+    """Return what an actuator of a compiled model acts through, as a phrase; None where it acts on a joint."""
+    word, kind = THROUGH.get(mujoco.mjtTrn(model.actuator_trntype[actuator]), ("", None))
+    if kind is None:
+        return None
+    own = mujoco.mj_id2name(model, kind, int(model.actuator_trnid[actuator, 0]))
+    return f"the {word} '{own}'" if own else f"a {word}"
+
+
+def list_indirect_actuators(spec: mujoco.MjSpec) -> list[str]:
+    """Return a phrase for each actuator with a control that acts through something else than a joint."""
+    found = []
+    for actuator in spec.actuators:
+        known = actuator.ctrlspec == int(mujoco.mjtCtrlInput.mjINPUT_NONE) or find_driven_joint(spec, actuator)
+        if not known and actuator.trntype in THROUGH:
+            own = f"'{actuator.name}'" if actuator.name else "one"
+            found.append(f"{own} on the {THROUGH[actuator.trntype][0]} '{actuator.target}'")
+    return found
 
 
 def find_driving_actuators(model: mujoco.MjModel, joint: int) -> np.ndarray:

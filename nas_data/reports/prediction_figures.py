@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
+from nas_data.joint_units import HINGE, JointUnit
 from nas_data.reports.style import WIDTH, choose_strokes, house_style, make_logarithmic, place_legend_above
 
 FLOOR = 0.1  # [deg] below the resolution of usual servos; a logarithm needs some floor
@@ -13,16 +14,22 @@ HEADROOM = 1.5  # times the largest finite error, where the axis of errors ends
 
 
 def draw_trajectory(
-    measured: np.ndarray, predicted: Mapping[str, np.ndarray], command: np.ndarray | None, period: float, joint: str
+    measured: np.ndarray,
+    predicted: Mapping[str, np.ndarray],
+    command: np.ndarray | None,
+    period: float,
+    joint: str,
+    unit: JointUnit = HINGE,
 ) -> Figure:
     """Draw one joint of one episode, and the predictors' errors below.
 
     Args:
-        measured: Positions after each control step [rad], shape (T,).
+        measured: Positions after each control step [rad; m], shape (T,).
         predicted: The same from each predictor's open-loop rollout.
-        command: Commanded positions [rad], shape (T,); None where torques are commanded.
+        command: Commanded positions [rad; m], shape (T,); None where speeds or torques are commanded.
         period: Control period [s].
         joint: Its name.
+        unit: In what its positions are shown.
     """
     time = period * np.arange(1, len(measured) + 1)
     looks = choose_strokes([*predicted, "measured", "command"])
@@ -34,12 +41,12 @@ def draw_trajectory(
             curves["command"] = command
         for name, values in curves.items():
             drawn = "steps-pre" if name == "command" else "default"
-            above.plot(time, np.degrees(values), label=name, drawstyle=drawn, **looks[name].curve())
+            above.plot(time, unit.factor * values, label=name, drawstyle=drawn, **looks[name].curve())
             if name in predicted:
-                below.plot(time, np.degrees(values - measured), **looks[name].curve())
+                below.plot(time, unit.factor * (values - measured), **looks[name].curve())
         below.axhline(0.0, color="black", linewidth=1.0)
-        above.set_ylabel(f"position of {joint} [°]")
-        below.set_ylabel("error [°]")
+        above.set_ylabel(f"position of {joint} [{unit.mark.strip()}]")
+        below.set_ylabel(f"error [{unit.mark.strip()}]")
         below.set_xlabel("time since the start of the rollout [s]")
         below.set_xlim(0.0, time[-1])
         place_legend_above(figure, above)

@@ -13,7 +13,7 @@ import mujoco
 from nas_data import registry
 from nas_data.errors import ModelFileError, UnknownName
 from nas_data.log import warn_once
-from nas_data.mjcf.actuator_lookup import find_driven_joint
+from nas_data.mjcf.actuator_lookup import find_driven_joint, list_indirect_actuators
 from nas_data.mjcf.check_angle_units import check_angle_units
 from nas_data.mjcf.default_servos import add_position_servos, add_torque_motors, find_motor_joints
 from nas_data.mjcf.engine_warnings import collect_warnings, log_warnings
@@ -224,9 +224,18 @@ def find_robot(name_or_path: str | Path) -> Robot:
             warn_once(doubt)
         if path.suffix == URDF and (joints := find_motor_joints(spec)):
             return Robot(name=path.stem, mjcf=path, joints=joints, edit=add_actuators, **own)
-        joints = list_actuated_joints(spec)
+        joints, indirect = list_actuated_joints(spec), ", ".join(list_indirect_actuators(spec))
         if not joints:
-            raise ModelFileError(f"{path} has no actuator that drives a joint; add <position joint=…> actuators.")
+            remedy = (
+                f"in place of {indirect} write <position joint=…>" if indirect else "add <position joint=…> actuators"
+            )
+            raise ModelFileError(f"{path} has no actuator that drives a joint by itself; {remedy}.")
+        if indirect:
+            warn_once(
+                f"actuators of {path} drive no joint by themselves: {indirect}; they are not commanded, and their "
+                "controls stay at the reference. To command a joint that one of them moves, replace it by <position "
+                "joint=…>."
+            )
         if bases := find_floating_bases(spec):
             names = ", ".join(f"'{base}'" for base in bases)
             warn_once(

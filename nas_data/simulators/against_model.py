@@ -14,6 +14,7 @@ import numpy as np
 
 from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import POSITION
 from nas_data.errors import JointMismatch
 from nas_data.joint_units import compute_angle_scales, group_by_kind
 from nas_data.robots.base import find_robot
@@ -70,7 +71,7 @@ def check(
     found += [
         finding for joint in joints for finding in _check_middle(dataset, compiled, joint, (middles or {}).get(joint))
     ]
-    if not dataset.commands_positions:
+    if POSITION not in dataset.kinds:
         return found
     resting = _RestingRows.of(dataset, compiled)
     if resting is not None:
@@ -171,17 +172,24 @@ def check_signs(dataset: Dataset, model: mujoco.MjModel) -> list[AuditFinding]:
     """Report joints whose position errors at rest contradict the model's gravity.
 
     Args:
-        dataset: Transitions with 2n-states whose commands are positions.
+        dataset: Transitions with 2n-states; joints that are not commanded positions are left out.
         model: Compiled model with all of its joints.
     """
     resting = _RestingRows.of(dataset, model)
     return [] if resting is None else resting.check_signs(dataset.joints)
 
 
+def _find_position_servos(dataset: Dataset) -> np.ndarray:
+    """Return which joints are commanded positions, shape (n,)."""
+    return np.array([kind == POSITION for kind in dataset.kinds], bool)
+
+
 def _find_resting_rows(dataset: Dataset, radians: np.ndarray) -> np.ndarray:
-    """Return the rows in which all servos hold their position; `radians` as in `find_radian_equivalent`, shape (n,)."""
+    """Return the rows in which all joints hold their position; `radians` as in `find_radian_equivalent`, shape (n,)."""
     velocities = dataset.states[:, len(dataset.joints) :].astype(float)
-    steps = np.abs(np.diff(dataset.commands, axis=0, prepend=dataset.commands[:1]))
+    # Torques and speeds may change while nothing moves.
+    commands = dataset.commands * _find_position_servos(dataset)
+    steps = np.abs(np.diff(commands, axis=0, prepend=commands[:1]))
     still = (np.abs(velocities) < STILL * radians).all(axis=1) & (steps < STILL * radians).all(axis=1)
     return np.flatnonzero(still)
 
@@ -195,7 +203,7 @@ class _RestingRows:
         qpos: Index of each joint in `qpos`, shape (n,).
         dofs: Index of each joint in `qvel`, shape (n,).
         positions: Measured positions [rad; m], shape (N, n).
-        held: Commands minus positions [rad; m], shape (N, n).
+        held: Commands minus positions [rad; m], shape (N, n); zero at joints without a position servo.
         pull: Gravity torque at each joint [N·m; N], shape (N, n).
         loaded: Indices of joints with enough load in these rows.
     """
@@ -220,7 +228,8 @@ class _RestingRows:
         qpos = np.array([model.joint(joint).qposadr[0] for joint in dataset.joints])
         dofs = np.array([model.joint(joint).dofadr[0] for joint in dataset.joints])
         positions = dataset.states[rows, : len(dataset.joints)].astype(float)
-        held, pull = dataset.commands[rows] - positions, compute_gravity_torques(model, qpos, dofs, positions)
+        held = (dataset.commands[rows] - positions) * _find_position_servos(dataset)
+        pull = compute_gravity_torques(model, qpos, dofs, positions)
         own = np.abs(pull).max(axis=0)
         largest = np.empty(len(dataset.joints))
         for _, members in group_by_kind(dataset.joints, dataset.slides):

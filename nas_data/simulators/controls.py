@@ -10,6 +10,7 @@ from nas_data.dataset.features import EFFORT, POSITION, VELOCITY
 from nas_data.effects.edits.servo import ALIKE, read_rest_shift
 from nas_data.errors import JointMismatch, ModelFileError
 from nas_data.mjcf.actuator_lookup import find_driving_actuators
+from nas_data.simulators.other_actuators import explain_missing_actuator
 
 POSITION_INPUT, VELOCITY_INPUT, FEEDFORWARD_INPUT = 1, 2, 4  # bits of MuJoCo's `mjtCtrlInput`
 UNSUPPORTED_INPUTS = {
@@ -111,10 +112,7 @@ def find_command(model: mujoco.MjModel, joint: int, name: str) -> tuple[int, Con
         return min(found, key=lambda pair: pair[1].kind != POSITION)
     if reasons:
         raise ModelFileError(reasons[0])
-    raise JointMismatch(
-        f"No actuator of {name} drives the joint '{model.joint(joint).name}'; "
-        'add one, for example <position joint="…" kp="…"/>.'
-    )
+    raise JointMismatch(explain_missing_actuator(model, joint, name))
 
 
 def describe_actuator(model: mujoco.MjModel, actuator: int) -> str:

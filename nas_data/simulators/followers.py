@@ -73,17 +73,12 @@ class Followers:
         """
         if not model.neq or model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EQUALITY):
             return None
-        equalities = keep_equalities(model)
-        joint_space = is_joint_space(model)
-        evaluate = evaluate_in_joint_space if joint_space else evaluate_with_kinematics
-        _, jacobian = (values[0] for values in evaluate(equalities, make_generic_posture(equalities)[None]))
-        tied = np.abs(jacobian) > LEVER
-        reached = np.zeros(model.nv, bool)
+        equalities, joint_space = keep_equalities(model), is_joint_space(model)
+        tied, reached = find_ties(equalities, joint_space), np.zeros(model.nv, bool)
         trees = np.isin(model.dof_treeid, model.dof_treeid[measured])
         reached[measured] = True
         reached |= trees & tied.any(axis=0)
-        while (grown := reached | tied[tied[:, reached].any(axis=1)].any(axis=0)).sum() > reached.sum():
-            reached = grown
+        reached = spread(tied, reached)
         reached[measured] = False
         # a joint follows as a whole, even if a constraint depends on one axis of a ball joint only
         joints = np.unique(model.dof_jntid[np.flatnonzero(reached)])
@@ -214,6 +209,34 @@ def keep_equalities(model: mujoco.MjModel) -> mujoco.MjModel:
     copied.opt.jacobian = int(mujoco.mjtJacobian.mjJAC_DENSE)
     copied.opt.disableflags |= sum(int(flag) for flag in DISABLED)
     return copied
+
+
+def find_ties(equalities: mujoco.MjModel, joint_space: bool) -> np.ndarray:
+    """Return which degrees of freedom each row of the constraints depends on, shape (rows, nv).
+
+    Args:
+        equalities: The model with equality constraints only.
+        joint_space: Whether all of them are between joints or fixed tendons.
+    """
+    evaluate = evaluate_in_joint_space if joint_space else evaluate_with_kinematics
+    _, jacobian = (values[0] for values in evaluate(equalities, make_generic_posture(equalities)[None]))
+    return np.asarray(np.abs(jacobian) > LEVER)
+
+
+def spread(tied: np.ndarray, reached: np.ndarray) -> np.ndarray:
+    """Return the degrees of freedom that constraints tie, directly or through others, to those reached, shape (nv,)."""
+    while (grown := reached | tied[tied[:, reached].any(axis=1)].any(axis=0)).sum() > reached.sum():
+        reached = grown
+    return reached
+
+
+def list_tied_dofs(model: mujoco.MjModel, dof: int) -> list[int]:
+    """Return the other degrees of freedom that active equality constraints tie to one of a compiled model."""
+    if not model.neq or model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EQUALITY):
+        return []
+    reached = np.arange(model.nv) == dof
+    tied = spread(find_ties(keep_equalities(model), is_joint_space(model)), reached)
+    return np.flatnonzero(tied & ~reached).tolist()
 
 
 def make_generic_posture(model: mujoco.MjModel) -> np.ndarray:

@@ -12,6 +12,7 @@ from nas_data.errors import JointMismatch, ModelFileError
 from nas_data.simulators.controls import Controls, UnknownControl, find_command, find_length_control
 from nas_data.simulators.followers import Followers
 from nas_data.simulators.objects import Objects
+from nas_data.simulators.other_actuators import warn_of_held_actuators
 
 FULLPHYSICS = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
 INTEGRATION = int(mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -65,6 +66,7 @@ class Layout:
         dof = model.jnt_dofadr[indices].astype(int)
         followers = Followers.of(model, np.union1d(dof, np.flatnonzero(velocities.any(axis=0))))
         driven = indices if followers is None else np.concatenate([indices, followers.joints])
+        warn_of_held_actuators(model, indices.tolist(), inputs.actuators.tolist(), name)
         return cls(
             joints=tuple(joints),
             qpos=model.jnt_qposadr[indices].astype(int),

@@ -120,6 +120,20 @@ def test_a_locale_that_lacks_a_letter_ends_nothing_in_a_traceback(locale):
     assert b"N?m" in ended.stdout
 
 
+def test_a_training_in_a_locale_without_phi_says_so_in_other_letters_and_is_the_same(place, here):
+    locale = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "OMP_NUM_THREADS": "1"}
+    program = [sys.executable, "-m", "nas_data", "train", "delta", str(place.paired), "--out", "run", *FAST]
+    ended = subprocess.run(program, capture_output=True, check=False, env=os.environ | locale, cwd=here)
+    assert ended.returncode == 0, ended.stderr
+    assert b"Traceback" not in ended.stderr and "φ".encode() not in ended.stdout + ended.stderr
+    done("train", "delta", place.paired, "--out", "plain", *FAST)
+    weights = [checkpoint.load_frozen(here / name / "checkpoint").state_dict() for name in ("run", "plain")]
+    assert all(bool((weights[0][key] == weights[1][key]).all()) for key in weights[1])
+    program = [sys.executable, "-m", "nas_data", "evaluate", "run", str(place.paired)]
+    ended = subprocess.run(program, capture_output=True, check=False, env=os.environ | locale, cwd=here)
+    assert (ended.returncode, b"source + ?" in ended.stdout) == (0, True), ended
+
+
 def test_the_overview_answers_at_once():
     program = Path(sys.executable).with_name("nas")
     command = [str(program)] if program.exists() else [sys.executable, "-m", "nas_data"]

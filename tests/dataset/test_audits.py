@@ -13,10 +13,12 @@ from nas_data.dataset.audits.base import Expected
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import (
     ACTION,
+    EFFORT,
     NEXT_STATE,
     POSITION,
     STATE,
     TIME,
+    VELOCITY,
     Feature,
     make_action_feature,
     make_position_feature,
@@ -84,6 +86,16 @@ def as_slides(dataset: Dataset, metres: float = 0.02) -> Dataset:
     units = {STATE: state, NEXT_STATE: state, ACTION: make_action_feature(JOINTS, (POSITION, POSITION), JOINTS)}
     columns = {key: metres * dataset.columns[key].astype(float) for key in units}
     return replace(dataset, features={**dataset.features, **units}, columns={**dataset.columns, **columns})
+
+
+def as_mixed(dataset: Dataset, kind: str) -> Dataset:
+    """The same motion where the first joint's servo turns velocities or torques into its motion, not positions."""
+    first = dataset.next_states[:, 2] if kind == VELOCITY else 0.3 * np.cos(np.arange(dataset.n_frames) / dataset.fps)
+    return replace(
+        dataset,
+        features=dataset.features | {ACTION: make_action_feature(JOINTS, (kind, POSITION))},
+        columns=dataset.columns | {ACTION: np.column_stack([first, dataset.commands[:, 1]])},
+    )
 
 
 def heard(dataset: Dataset) -> set[str]:
@@ -206,6 +218,98 @@ def test_each_fault_of_a_finger_that_goes_millimetres_is_heard(check, rate):
     said = [finding.what for finding in findings if finding.check == check]
     assert said
     assert not any("rad/s" in what or " rad" in what for what in said)
+
+
+@pytest.mark.parametrize("kind", [VELOCITY, EFFORT])
+@pytest.mark.parametrize("signal", ["steps", "sines"])
+@pytest.mark.parametrize("rate", [20, 100, 1000])
+def test_exact_mixed_arms_are_passed_in_silence(rate, signal, kind):
+    assert audit_dataset(as_mixed(exact(rate, signal), kind)) == ()
+
+
+@pytest.mark.parametrize("kind", [VELOCITY, EFFORT])
+@pytest.mark.parametrize("check", sorted({*FAULTS, "command_is_position"} - {"joints_swapped"}))
+def test_each_fault_is_heard_beside_a_joint_without_a_position_servo(check, kind):
+    dataset = exact(100, "sines", episodes=1)
+    faults = FAULTS | {"command_is_position": {"commands": lambda _: dataset.states[:, :2]}}
+    dataset = as_mixed(edited(dataset, **faults[check]), kind)
+    if check == "unit_slip":
+        features = {key: replace(feature, units=()) for key, feature in dataset.features.items()}
+        dataset = replace(dataset, features=features)
+    found = [finding for finding in audit_dataset(dataset) if finding.check == check]
+    assert found
+    if check.startswith("command"):
+        assert all("j2" in finding.what and "j1" not in finding.what for finding in found)
+
+
+WHEEL = """<mujoco><option timestep="0.001" integrator="implicitfast"/><worldbody>
+<body pos="0 0 0.5"><joint name="j1" axis="0 1 0" damping="0.05" armature="0.002"/>
+<geom type="capsule" fromto="0 0 0 0.15 0 0" size="0.01" mass="0.05" contype="0" conaffinity="0"/></body>
+<body pos="0 1 0.5"><joint name="j2" type="slide" axis="1 0 0" damping="0.5" armature="0.1"/>
+<geom type="capsule" fromto="0 0 0 0.1 0 0" size="0.01" mass="0.03" contype="0" conaffinity="0"/></body></worldbody>
+<actuator><velocity joint="j1" kv="1"/><velocity joint="j2" kv="50"/></actuator></mujoco>"""
+
+
+@cache
+def exact_speeds(rate: int, signal: str) -> Dataset:
+    """What a hinge and a slide do that are commanded velocities, to the last bit of what is stored."""
+    model = mujoco.MjModel.from_xml_string(WHEEL)
+    commands = np.ones((6 * rate, 2)) if signal == "constant" else commands_of(signal, rate, 6.0)
+    commands = commands * [2.0, 0.05]
+    data, states = mujoco.MjData(model), []
+    for command in commands:
+        states.append(np.concatenate([data.qpos, data.qvel]))
+        data.ctrl[:] = command
+        mujoco.mj_step(model, data, 1000 // rate)
+    states.append(np.concatenate([data.qpos, data.qvel]))
+    dataset, state = dataset_of(np.array(states), commands, rate, 1), make_state_feature(JOINTS, ("j2",))
+    command = make_action_feature(JOINTS, (VELOCITY, VELOCITY), ("j2",))
+    return replace(dataset, features=dataset.features | {STATE: state, NEXT_STATE: state, ACTION: command})
+
+
+@pytest.mark.parametrize("signal", ["steps", "sines", "constant"])
+@pytest.mark.parametrize("rate", RATES)
+def test_exact_velocity_servos_are_passed_in_silence(rate, signal):
+    assert audit_dataset(exact_speeds(rate, signal)) == ()
+
+
+@pytest.mark.parametrize("signal", ["steps", "sines", "constant"])
+@pytest.mark.parametrize("rate", [20, 50, 100, 1000])
+@pytest.mark.parametrize(
+    ("factors", "check", "error", "units"),
+    [
+        ((180 / np.pi, 1), "command_scale", True, "degrees and radians"),
+        ((np.pi / 180, 1), "command_scale", True, "degrees and radians"),
+        ((60 / (2 * np.pi), 1), "command_scale", False, "turns a minute and rad/s"),
+        ((1, 1000), "command_scale", True, "millimetres and metres"),
+        ((1, 0.001), "command_scale", True, "millimetres and metres"),
+        ((1, 100), "command_scale", False, "centimetres and metres"),
+        ((-1, 1), "command_sign", False, ""),
+        ((1, -1), "command_sign", False, ""),
+    ],
+)
+def test_commanded_velocities_in_another_unit_or_sign_are_heard(rate, signal, factors, check, error, units):
+    dataset = exact_speeds(rate, signal)
+    (found,) = audit_dataset(replace(dataset, columns=dataset.columns | {ACTION: dataset.commands * factors}))
+    assert (found.check, found.error) == (check, error) and units in found.what
+    assert ("j1" in found.what) is (factors[0] != 1)
+
+
+def test_velocities_taken_for_commands_are_heard():
+    dataset = exact_speeds(50, "sines")
+    copied = replace(dataset, columns=dataset.columns | {ACTION: dataset.states[:, 2:]})
+    (found,) = audit_dataset(copied)
+    assert found.check == "command_is_position" and "equals the measured velocity" in found.what
+
+
+def test_large_torques_are_no_angles_and_leave_no_limits():
+    dataset = as_mixed(exact(100, "sines", episodes=1), EFFORT)
+    dataset = replace(dataset, columns=dataset.columns | {ACTION: dataset.commands * [100, 1]})
+    (recording,) = extract_recordings(dataset)
+    kinds, limits = {"j1": EFFORT}, {"j1": (-2.0, 2.0), "j2": (-0.5, 0.5)}
+    found = audit(recording, Expected(rate=100.0, kinds=kinds, limits=limits))
+    assert {finding.check for finding in found} == {"command_beyond_limits", "position_beyond_limits"}
+    assert all("j1" not in finding.what for finding in found)
 
 
 @pytest.mark.parametrize("metres", [0.005, 0.5])

@@ -194,6 +194,40 @@ def test_a_clock_that_denies_the_rate_is_refused_and_every_remedy_works(here, ca
         assert main(["pair", f"r{number}", "--model", "arm.xml", "--out", f"p{number}"]) == 0
 
 
+UNEVEN = {"same": lambda k: k * 0.0, "jitter": lambda k: k * 0.02 + (k % 3) * 0.006}
+
+
+@pytest.mark.parametrize("said", [("--unit", "rad"), ("--map", "own.toml"), ()], ids=["unit", "map", "neither"])
+@pytest.mark.parametrize("clock", ["slow", "back", "coarse", *UNEVEN])
+def test_what_an_import_says_of_a_clock_can_be_said_to_it(here, capsys, clock, said):
+    """Whether the numbers are explained by an option, by a map or by nothing."""
+    stamp(write_lerobot(here / "d", motions()), {**CLOCKS, **UNEVEN}[clock])
+    text = (MAPS / "example_lerobot.toml").read_text()
+    joints = re.sub(r"(?m)^joints = .*", 'joints = ["j1", "j2"]', text.partition("\n[")[0])
+    quantities = "".join(f'[read.{name}]\nunit = "rad"\n' for name in ("position", "command"))
+    (here / "own.toml").write_text(f"{joints}\n{quantities}")
+    status = main(["import", "d", *said, "--out", "first"])
+    captured = capsys.readouterr()
+    told = captured.err + captured.out
+    assert (status == 0) is (clock == "jitter"), told
+    options = sorted(set(re.findall(r"--(?:rate [\d.]+\d|uniform)", told)))
+    assert len(options) == (2 if clock == "slow" else 1), told
+    assert said == ("--map", "own.toml") or not re.search(r"\[|the map", told), told
+    for number, option in enumerate(options):
+        assert main(["import", "d", *said, *option.split(), "--out", f"r{number}"]) == 0, capsys.readouterr().err
+        assert "Warning" not in capsys.readouterr().out
+    if said == ("--map", "own.toml") and clock in ("slow", "jitter"):
+        assert "add [resample] to the map" in told
+        (here / "own.toml").write_text(f'{joints}\n{quantities}[resample]\nrate = 25.0\nmethod = "linear"\n')
+        assert main(["import", "d", *said, "--out", "resampled"]) == 0
+
+
+def test_a_remedy_that_only_a_map_has_says_so_where_there_is_none(here, capsys):
+    write_lerobot(here / "d", [(states, -commands) for states, commands in motions()])
+    imported("d")
+    assert "in a map of your own (--map) check 'sign' in [read.command]" in capsys.readouterr().out
+
+
 def test_a_hole_divides_the_episodes_and_the_clock_is_kept(here, capsys):
     stamp(write_lerobot(here / "d", motions()), CLOCKS["hole"])
     dataset = read(imported("d"))

@@ -1,5 +1,6 @@
 """Maps: shipped ones load, and whatever is wrong with one is said in a sentence that names the key."""
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -101,7 +102,7 @@ WRONG = {
     "command unit": (map_text(command='column = "goal"\nunit = "lbf"'), "m, cm, mm, ticks, rad/s, .* N·m, .* N, A"),
     "slide in rad/s": (map_text(position='column = "q"\nunit = "mm"'), "choose one of: m/s, cm/s, mm/s, ticks"),
     "unknown slide": (map_text(top='slides = ["grip"]'), "'slides' names 'grip'; the joints are: shoulder, elbow"),
-    "slide in rad": (map_text(top='slides = ["elbow"]'), "'elbow' is a slide .* is 'rad'; choose one of: m, cm, mm"),
+    "slide in rad": (map_text(top='slides = ["elbow"]'), "'elbow' is a slide, .* is 'rad'; choose one of: m, cm, mm"),
     "amperes without scale": (map_text(command='column = "goal"\nunit = "A"'), "the key 'scale' is missing"),
     "unit missing": (map_text(position='column = "q"'), "the key 'unit' is missing"),
     "sign": (map_text(position='column = "q"\nunit = "rad"\nsign = 2'), "'sign' is 2; it must be 1 or -1"),
@@ -201,6 +202,49 @@ def test_a_wrong_map_is_refused_with_the_key_that_is_wrong(tmp_path, name):
     with pytest.raises(MapError, match=message) as raised:
         load_map(write_map(tmp_path, text))
     assert "map.toml" in str(raised.value)
+
+
+def elbow(**units: str) -> dict[str, str]:
+    """Tables of a map in which the elbow has units of its own."""
+    columns = {"position": ("q", "rad"), "register": ("dq", "rad/s"), "command": ("goal", "rad")}
+    return {
+        key: f'column = "{column}"\nunit = "{unit}"' + (f"\njoints.elbow = {{{units[key]}}}" if key in units else "")
+        for key, (column, unit) in columns.items()
+    }
+
+
+TICKS = 'unit = "ticks", scale = 0.001, zero = 0'
+METRES = {"position": 'unit = "mm"', "register": 'unit = "mm/s"', "command": 'unit = "mm"'}
+
+
+@pytest.mark.parametrize(
+    ("top", "tables", "said", "mended"),
+    [
+        ("", {"command": 'unit = "mm"'}, "a hinge, because its positions are in 'rad'", ("", METRES)),
+        (
+            "",
+            METRES | {"position": TICKS},
+            "a hinge, because its positions are in 'ticks' and 'slides' does not name it",
+            ('slides = ["elbow"]', METRES | {"position": TICKS}),
+        ),
+        (
+            "",
+            {"position": 'unit = "mm"', "register": 'unit = "mm/s"'},
+            "a slide, because its positions are in 'mm'",
+            ("", {}),
+        ),
+        ('slides = ["elbow"]', {"position": 'unit = "mm"'}, "a slide, because its positions are in 'mm'", ("", {})),
+        ('slides = ["elbow"]', {}, "a slide, because 'slides' names it", ("", {})),
+        ('slides = ["elbow"]', {}, "a slide, because 'slides' names it", ('slides = ["elbow"]', METRES)),
+    ],
+)
+def test_a_unit_of_the_wrong_kind_of_joint_is_refused_with_what_says_the_kind(tmp_path, top, tables, said, mended):
+    with pytest.raises(MapError, match=re.escape(f"'elbow' is {said}, but its unit in [")) as raised:
+        sample_map(tmp_path, top=top, **elbow(**tables))
+    assert "'slides'" in str(raised.value) or "the unit of its positions" in str(raised.value)
+    top, tables = mended
+    mapping = sample_map(tmp_path, top=top, **elbow(**tables))
+    assert mapping.slides == ({"elbow"} if tables else set())
 
 
 def test_normalised_values_and_overrides_of_one_joint(tmp_path):

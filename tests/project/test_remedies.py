@@ -26,9 +26,10 @@ import nas_data as nas
 from nas_data.cli import main
 from nas_data.dataset import layout
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import ACTION, STATE, make_position_feature
+from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, make_position_feature
 from nas_data.dataset.provenance import Provenance
 from nas_data.dataset.read import read
+from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.write import write
 from nas_data.errors import DatasetInvalid
 from nas_data.gap.problem import Problem
@@ -113,6 +114,29 @@ def csv_map(**changes: str) -> str:
     return text.replace('[read.velocity]\ncolumn = "dq"\nunit = "rad/s"\n', "")
 
 
+def takes(*numbers: int) -> Callable[[Path], Path]:
+    """A writer of a log in three parts, each with the number of its take; parts of one take go on in time."""
+
+    def written(folder: Path) -> Path:
+        columns, part = columns_of(motion()), 40
+        columns["take"] = np.repeat(numbers, part)
+        begins = [part * numbers[:place].count(number) for place, number in enumerate(numbers)]
+        chosen = np.concatenate([np.arange(begin, begin + part) for begin in begins])
+        return write_log(
+            folder / "log.npz", {key: column if key == "take" else column[chosen] for key, column in columns.items()}
+        )
+
+    return written
+
+
+def loaded(folder: Path) -> Path:
+    return write_log(folder / "log.npz", {**columns_of(motion()), "load": np.arange(120.0)})
+
+
+def named_rows(folder: Path) -> Path:
+    return write_log(folder / "log.npz", {**columns_of(motion()), "n": np.array([["j1", "j2"], ["j2", "j1"]] * 60)})
+
+
 DEGREES = {
     "position": 'column = "q"\nunit = "deg"', "register": 'column = "dq"\nunit = "deg/s"',
     "command": 'column = "goal"\nunit = "deg"',
@@ -130,6 +154,9 @@ SEMICOLON = 'delimiter = ";"'
 COMMA = 'decimal = ","'
 GERMAN = f"{SEMICOLON}\n{COMMA}"
 ALLOWED = '[audit]\nallow = ["unit_slip"]'
+GOAL = 'column = "goal"\nunit = "deg"'
+TAKES = map_text(extra='[read.episode]\ncolumn = "take"')
+LOAD = map_text(extra='[signals.load]\n{} = "load"\nunit = "1"\nwhole_robot = true')
 FAST = "[audit]\nmax_speed = 1e3\n"
 FAULTS = {
     "rate": Fault("correct 'rate'", slow, map_text(), map_text(rate="25.0")),
@@ -184,6 +211,18 @@ FAULTS = {
     ),
     "cut line": Fault("take it out", text_log(torn), csv_map(), csv_map(), text_log(without_line)),
     "clock": Fault("uniform = true", log(), map_text(time=""), map_text(time="uniform = true")),
+    "command unit": Fault(
+        "correct the unit in [read.command]", log(goal=np.degrees), map_text(), map_text(command=GOAL)
+    ),
+    "episodes out of order": Fault("sort the rows", takes(0, 1, 0), TAKES, TAKES, takes(0, 0, 1)),
+    "episodes with one number": Fault("give each episode its own number", takes(0, 1, 0), TAKES, TAKES, takes(0, 1, 2)),
+    "no constant": Fault("give it as 'column'", loaded, LOAD.format("constant"), LOAD.format("column")),
+    "names of all rows": Fault(
+        "no row names a joint of the map (shoulder, elbow); the first names j1, j2. Name them so in 'joints'",
+        named_rows,
+        map_text(top='joint_names = "n"'),
+        map_text(top='joint_names = "n"', joints='["j1", "j2"]'),
+    ),
     "no number": Fault("take these rows out", log(q=without_last), map_text(), map_text(), shorter),
 }
 
@@ -231,6 +270,23 @@ def test_the_tolerance_and_the_method_of_a_join_can_be_changed_as_is_said(here, 
     assert joined("nearest", 0.05) == 0 and joined("previous", 0.07) == 0
 
 
+def test_tables_whose_times_are_in_another_unit_are_joined_as_is_said(here, capsys):
+    (here / "log").mkdir()
+    columns = columns_of(motion())
+    write_log(here / "log/state.csv", {"t": 1e3 * columns["t"], "q": columns["q"], "dq": columns["dq"]})
+    write_log(here / "log/control.csv", {"t": 1e3 * columns["t"] + 5, "goal": columns["goal"]})
+    changes = {
+        "top": '[files]\nstate = "state.csv"\ncontrol = "control.csv"\n[join]\nmethod = "nearest"\ntolerance = 0.01',
+        "position": 'file = "state"\ncolumn = "q"\nunit = "rad"',
+        "register": 'file = "state"\ncolumn = "dq"\nunit = "rad/s"',
+        "command": 'file = "control"\ncolumn = "goal"\nunit = "rad"',
+    }
+    write_map(here, map_text(".csv", **changes))
+    assert "check the unit of [read.time]" in refused(capsys, "import", "log", "--map", "map.toml", "--out", "never")
+    write_map(here, map_text(".csv", time='column = "t"\nunit = "ms"', **changes))
+    assert main(["import", "log", "--map", "map.toml", "--out", "done"]) == 0
+
+
 def test_a_joint_that_the_model_lacks_is_named_as_in_the_model(here, capsys):
     write_log(here / "log.npz", columns_of(motion()))
     write_map(here)
@@ -239,6 +295,29 @@ def test_a_joint_that_the_model_lacks_is_named_as_in_the_model(here, capsys):
     assert not (here / "never").exists()
     write_map(here, map_text(joints='["j1", "j2"]'))
     assert main(["import", "log.npz", "--map", "map.toml", "--model", "arm.xml", "--out", "done"]) == 0
+
+
+def test_a_measured_joint_that_mimics_another_is_left_out_of_the_map_as_is_said(here, capsys):
+    mimic = '<mimic joint="j1" multiplier="-1"/>'
+    inertia = '<mass value="0.1"/><inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/>'
+    links = "".join(f'<link name="{name}"><inertial>{inertia}</inertial></link>' for name in ("l1", "l2"))
+    joints = "".join(
+        f'<joint name="{joint}" type="revolute"><parent link="base"/><child link="{link}"/><axis xyz="0 0 1"/>'
+        f'<limit lower="-2" upper="2" effort="2" velocity="5"/>{more}</joint>'
+        for joint, link, more in (("j1", "l1", ""), ("j2", "l2", mimic))
+    )
+    Path("gripper.urdf").write_text(f'<robot name="gripper"><link name="base"/>{links}{joints}</robot>')
+    write_log(here / "log.npz", columns_of(motion()))
+    write_map(here, map_text(joints='["j1", "j2"]'))
+    assert main(["import", "log.npz", "--map", "map.toml", "--out", "both"]) == 0
+    said = refused(capsys, "pair", "both", "--model", "gripper.urdf")
+    assert "'j2' of gripper.urdf follows 'j1'" in said and "leave it out of 'joints' of the map" in said
+    write_map(here, map_text(joints='["j1"]', **{
+        key: f'column = "{column}"\ncomponents = [0]\nunit = "{unit}"'
+        for key, column, unit in (("position", "q", "rad"), ("register", "dq", "rad/s"), ("command", "goal", "rad"))
+    }))  # fmt: skip
+    assert main(["import", "log.npz", "--map", "map.toml", "--out", "one"]) == 0
+    assert main(["pair", "one", "--model", "gripper.urdf", "--out", "paired"]) == 0
 
 
 def test_two_joints_that_the_map_takes_for_one_another_are_told_by_the_models_limits(here, capsys):
@@ -359,6 +438,105 @@ def test_one_episode_is_cut_by_the_command_that_the_gap_names(here, capsys, rows
     assert main(command) == 0
     assert main(["split", "one", "--seconds", "10"]) == 2, "nothing would be cut"
     assert main(["gap", "find", "datasets/one_cut", "--model", "arm.xml"]) == 0
+
+
+def foreign(root: Path, fps: float = 50.0, gripper: bool = False) -> Path:
+    """The dataset as another tool would have left it; with a gripper it is in degrees and per cent."""
+    positions, joints = simulated_positions(200, fps), ("j1", "gripper" if gripper else "j2")
+    if gripper:
+        positions = positions * np.float32([180 / np.pi, 80]) + np.float32([0, 50])
+    features = {key: make_position_feature(joints) for key in (STATE, ACTION)}
+    dataset = Dataset(features, {STATE: positions, ACTION: positions + np.float32(0.01)}, np.array([200]), fps, "arm2")
+    write(dataset, root, Provenance(how="simulated", robot="arm2", contiguous=True))
+    (root / layout.PROVENANCE).unlink()
+    return root
+
+
+def test_datasets_of_two_rates_are_imported_one_at_a_time(here, capsys):
+    foreign(here / "a")
+    foreign(here / "b", fps=30.0)
+    (here / "own.toml").write_text(
+        'format = "lerobot"\nrobot = "arm2"\njoints = ["j1", "j2"]\nalignment = "action_follows_state"\n'
+        'velocity = "derive"\n[read.position]\nunit = "rad"\n[read.command]\nunit = "rad"\n'
+    )
+    said = refused(capsys, "import", "a", "b", "--map", "own.toml", "--out", "never")
+    assert "b runs at 30 Hz, a at 50 Hz; import them one at a time" in said
+    for name in ("a", "b"):
+        assert main(["import", name, "--map", "own.toml", "--out", f"done_{name}"]) == 0
+
+
+def test_a_gripper_without_a_range_is_given_one_in_the_model(here, capsys):
+    foreign(here / "d", gripper=True)
+    text = ARM.replace('"j2"', '"gripper"')
+    Path("arm.xml").write_text(text.replace('armature="0.002" range="-2 2"/>\n<geom type="capsule" fromto="0 0 0 0.1',
+                                            'armature="0.002"/>\n<geom type="capsule" fromto="0 0 0 0.1'))  # fmt: skip
+    command = ("import", "d", "--unit", "deg", "--model", "arm.xml", "--out", "done")
+    assert "has no joint 'gripper' with a range; give one in the model" in refused(capsys, *command)
+    Path("arm.xml").write_text(text)
+    assert main(list(command)) == 0
+
+
+def test_parts_that_no_episode_has_are_made_as_short_as_is_said(here, capsys):
+    simulated(here / "one", (151,))
+    (most,) = re.findall(r"give at most ([\d.]+) s", refused(capsys, "split", "one", "--seconds", "2"))
+    assert main(["split", "one", "--seconds", most]) == 0
+
+
+def test_next_positions_that_belong_to_nothing_are_left_out():
+    positions = simulated_positions(60)
+    features = {key: make_position_feature(("j1", "j2")) for key in (STATE, ACTION, NEXT_STATE)}
+    columns = {STATE: positions, ACTION: positions, NEXT_STATE: positions + 0.1}
+    dataset = Dataset(features, columns, np.array([60]), 50.0, "arm2")
+    with pytest.raises(DatasetInvalid, match="or leave the feature out"):
+        as_transitions(dataset)
+    kept = {key: features[key] for key in (STATE, ACTION)}
+    as_transitions(replace(dataset, features=kept, columns={key: columns[key] for key in kept}))
+
+
+def test_datasets_of_two_rates_are_merged_once_they_are_imported_at_one(here, capsys):
+    for name, phase in (("a", 0.0), ("b", 1.0)):
+        write_log(here / f"{name}.npz", columns_of(motion(phase=phase)))
+
+    def import_at(rates: str) -> None:
+        for name, rate in zip("ab", rates.split(), strict=True):
+            write_map(here, map_text(extra=f'[resample]\nrate = {rate}\nmethod = "linear"'))
+            assert main(["import", f"{name}.npz", "--map", "map.toml", "--out", f"{name}{rate}"]) == 0
+
+    import_at("50.0 25.0")
+    assert "record or import them at one rate" in refused(capsys, "merge", "a50.0", "b25.0", "--out", "never")
+    import_at("25.0 50.0")
+    assert main(["merge", "a25.0", "b25.0", "--out", "done"]) == 0
+
+
+def test_a_dataset_with_a_link_is_packed_once_it_has_the_file(here, capsys):
+    root = simulated(here / "d", (60, 60))
+    (here / "notes.txt").write_text("red arm")
+    (root / "notes.txt").symlink_to(here / "notes.txt")
+    assert "put the file itself there" in refused(capsys, "pack", "d", "--out", "p.nas.tar")
+    (root / "notes.txt").unlink()
+    shutil.copy(here / "notes.txt", root)
+    assert main(["pack", "d", "--out", "p.nas.tar"]) == 0
+
+
+TORQUES = ARM.replace('<position joint="j1" kp="2" kv="0.1"/>', '<motor joint="j1"/>')
+
+
+@pytest.mark.parametrize(
+    ("model", "said", "mended", "more"),
+    [
+        (TORQUES, "give its actuator a ctrlrange", TORQUES.replace("<motor ", '<motor ctrlrange="-0.1 0.1" '), ()),
+        (TORQUES, "play a file of commands (--commands)", TORQUES, ("--commands", "commands.csv")),
+        (ARM.replace('"j1" kp', '"j1" gear="0" kp'), "gear of 0", ARM, ()),
+    ],
+    ids=["ctrlrange", "commands", "gear"],
+)
+def test_a_model_whose_commands_cannot_be_made_is_mended_as_is_said(here, capsys, model, said, mended, more):
+    Path("commands.csv").write_text("j1.effort,j2.pos\n" + "0.01,0.2\n" * 40)
+    record = ("record", "sim", "--robot", "arm.xml", "--episodes", "1", "--seconds", "0.5", "--out", "done")
+    Path("arm.xml").write_text(model)
+    assert said in refused(capsys, *record)
+    Path("arm.xml").write_text(mended)
+    assert main([*(word for word in record if not more or word not in ("--seconds", "0.5")), *more]) == 0
 
 
 def test_one_log_is_cut_while_it_is_imported(here):

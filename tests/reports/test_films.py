@@ -94,6 +94,23 @@ def test_models_move_and_err_as_evaluate_says(motion, folder):
     assert motion.worst == np.argmax(stock.errors[:, 0])
 
 
+def test_a_caption_says_how_far_a_slide_is_off_in_millimetres(tmp_path):
+    """A hinge and a slide are never averaged; what is said is the error of each kind."""
+    for name, stiffness in (("stock", "50"), ("stiff", "200")):
+        slide = 'type="slide" axis="1 0 0" armature="0.5"'
+        text = ARM.format(damping=0.1, integrator="implicitfast").replace(
+            'file="tip.obj"', 'vertex="0 0 0 .04 0 0 0 .02 0 0 0 .02"'
+        )
+        text = text.replace('name="b" axis="0 1 0" armature="0.01"', f'name="b" {slide}')
+        (tmp_path / f"{name}.xml").write_text(text.replace('joint="b" kp="5"', f'joint="b" kp="{stiffness}"'))
+    plant = MujocoSimulator.load(tmp_path / "stiff.xml", 1 / 50, ("a", "b"), threads=1)
+    write_version(recorded_on(plant, wander((60,), joints=2, size=0.05)), "arm", SIMULATED, tmp_path)
+    motion = follow(Dataset.load(tmp_path / "arm"), 0, [str(tmp_path / "stock.xml")])
+    angle, length = np.abs(motion.ghosts[1].states[40, :2] - motion.ghosts[0].states[40, :2])
+    assert length > 1e-4
+    assert motion.ghosts[1].error_text(40, motion.units) == f"{np.degrees(angle):.2f}°, {1e3 * length:.2f} mm off"
+
+
 def test_each_ghost_stands_where_its_joints_are_and_followers_follow(motion):
     scene = Scene(motion)
     scene.show(17)

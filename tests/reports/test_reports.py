@@ -19,7 +19,7 @@ from support.training_samples import TINY, train
 
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import CheckpointError
-from nas_data.joint_units import HINGE
+from nas_data.joint_units import HINGE, SLIDE
 from nas_data.policies import learner, ppo
 from nas_data.reports.charts import thin
 from nas_data.reports.page import (
@@ -90,6 +90,15 @@ def test_a_trajectory_shows_the_positions_in_degrees_and_the_errors_below():
     np.testing.assert_allclose(below.lines[0].get_ydata(), np.degrees(0.1))
     assert above.get_ylabel() == "position of m3 [°]"
     assert below.get_xlabel().endswith("[s]")
+
+
+def test_a_slide_is_drawn_in_millimetres():
+    measured = np.array([0.0, 0.001, 0.002])
+    above, below = draw_trajectory(measured, {"source": measured + 0.0005}, measured, 0.5, "finger", SLIDE).axes
+    drawn = {line.get_label(): line for line in above.lines}
+    np.testing.assert_allclose(drawn["measured"].get_ydata(), [0, 1, 2])
+    np.testing.assert_allclose(below.lines[0].get_ydata(), 0.5)
+    assert (above.get_ylabel(), below.get_ylabel()) == ("position of finger [mm]", "error [mm]")
 
 
 def test_a_joint_that_takes_torques_has_no_command_in_its_trajectory():

@@ -45,6 +45,24 @@ def test_a_sign_that_contradicts_gravity_is_found(arm, signs, wrong):
     assert any(finding.what.startswith(f"{wrong} hangs upwards") for finding in found) if wrong else found == []
 
 
+@pytest.mark.parametrize("kind", ["velocity", "torque"])
+@pytest.mark.parametrize(("signs", "wrong"), [((1, 1), ""), ((1, -1), "elbow")])
+def test_a_sign_is_found_beside_a_joint_without_a_position_servo(arm, signs, wrong, kind):
+    """What holds the shoulder is a changing torque, or a speed of zero; the elbow is a position servo."""
+    held = recorded(signs)
+    first = np.zeros(held.n_frames) if kind == "velocity" else 0.1 * (np.arange(held.n_frames) % 2)
+    mixed = Dataset.from_arrays(
+        held.states[:, :2],
+        np.column_stack([first, held.commands[:, 1]]),
+        rate=RATE,
+        joints=held.joints,
+        kind=(kind, "position"),
+    )
+    found = check_signs(mixed, mujoco.MjModel.from_xml_string(ARM))
+    assert [finding.what.split()[0] for finding in found] == ([wrong] if wrong else [])
+    assert any(wrong in finding.what for finding in check(mixed, arm)) if wrong else check(mixed, arm) == []
+
+
 def test_where_a_sign_differs_from_the_commands_no_other_cause_is_suggested(arm):
     known = AuditFinding("command_sign", "the dataset", "the shoulder moves against its command")
     assert check(recorded((-1, 1)), arm)

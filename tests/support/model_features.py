@@ -152,6 +152,26 @@ WAYS = (
     Way("`general`, integrated force", "untold", '<general joint="{j}" dyntype="integrator" actrange="-1 1"/>'),
     Way("no actuator", "untold", '<position joint="{j}" kp="20" kv="0.3"/>'.replace("{j}", "a")),
     Way(
+        "`position` through a tendon",
+        "untold",
+        SERVO.replace("{j}", "a") + '<position tendon="w" kp="20" kv="0.3"/>',
+        inside=EXTRA,
+        after=TENDONS,
+    ),
+    Way(
+        "`position` at a site",
+        "untold",
+        '<position name="{j}" site="end" gear="0 0 0 0 1 0" refsite="base" kp="20"/>',
+        inside='<site name="end" pos="0.1 0 0"/>',
+        beside='<site name="base"/>',
+    ),
+    Way(
+        "a measured joint that follows by an `equality`",
+        "untold",
+        SERVO.replace("{j}", "a"),
+        after='<equality><joint joint1="b" joint2="a"/></equality>',
+    ),
+    Way(
         "`equality/joint`: a follower",
         "equality",
         SERVO,
@@ -187,6 +207,13 @@ WAYS = (
         "held",
         SERVO,
         inside=EXTRA,
+    ),
+    Way(
+        "a tendon's servo that no joint of the dataset has: held",
+        "held",
+        SERVO + '<position tendon="u" kp="1"/>',
+        inside=EXTRA,
+        after=TENDONS,
     ),
     Way(
         "an object beside the arm",

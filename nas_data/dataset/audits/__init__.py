@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from typing import Protocol, cast
 
 from nas_data import registry
-from nas_data.dataset.audits.base import AuditFinding, Expected
+from nas_data.dataset.audits.base import AuditFinding, Expected, Remedies
+from nas_data.dataset.audits.timing import measure_rate
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import STATE
 from nas_data.dataset.recording import Recording, extract_recordings
@@ -28,16 +29,17 @@ def find_audit(name: str) -> Audit:
     return cast(Audit, registry.import_plugin("dataset.audits", name, "audit"))
 
 
-def audit_dataset(dataset: Dataset) -> tuple[AuditFinding, ...]:
+def audit_dataset(dataset: Dataset, remedies: Remedies | None = None) -> tuple[AuditFinding, ...]:
     """Run every audit over each episode of a dataset.
 
     Args:
         dataset: Transitions, or states and commands of named joints.
+        remedies: What puts findings right, if that is no map file.
     """
     # Where units are stored, someone knows them: as_transitions refuses others than rad.
     known = bool(dataset.features[STATE].units)
-    effort = not dataset.commands_positions
-    expected = Expected(rate=dataset.fps, slides=dataset.slides, effort=effort, turns=known)
+    kinds = dict(zip(dataset.joints, dataset.kinds, strict=True))
+    expected = Expected(rate=dataset.fps, slides=dataset.slides, kinds=kinds, turns=known, remedies=remedies)
     return tuple(finding for recording in extract_recordings(dataset) for finding in audit(recording, expected))
 
 
@@ -60,4 +62,7 @@ def list_remaining_audits() -> list[str]:
 
 def run(names: Sequence[str], recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Run some audits over one recording."""
-    return [finding for name in names for finding in find_audit(name).check(recording, expected)]
+    found = [finding for name in names for finding in find_audit(name).check(recording, expected)]
+    if expected.remedies is None:
+        return found
+    return [expected.remedies.apply(finding, measure_rate(recording.time)) for finding in found]

@@ -1,13 +1,39 @@
 """Expectations and findings of audits."""
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+import re
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from nas_data.dataset.features import POSITION
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.timing import LATE
 from nas_data.joint_units import compute_angle_scales
+
+NAMES_MAP = re.compile(r"\[|\bmap\b")  # what a remedy names that only a map file has
+
+
+@dataclass(frozen=True)
+class Remedies:
+    """What puts findings right where a recording is read without a map file.
+
+    Attributes:
+        by_check: Remedies by check; `{rate}` stands for the measured rate [Hz].
+        elsewhere: Where the remedies of other checks that name keys of a map belong, as words before them.
+    """
+
+    by_check: Mapping[str, str]
+    elsewhere: str = ""
+
+    def apply(self, finding: "AuditFinding", rate: float) -> "AuditFinding":
+        """Return a finding of a map file with the remedy that helps here; `rate` as it was measured [Hz]."""
+        if not finding.remedy:
+            return finding
+        if finding.check in self.by_check:
+            return replace(finding, remedy=self.by_check[finding.check].format(rate=f"{rate:.6g}"))
+        names_map = self.elsewhere and NAMES_MAP.search(finding.remedy)
+        return replace(finding, remedy=f"{self.elsewhere} {finding.remedy}") if names_map else finding
 
 
 @dataclass(frozen=True)
@@ -20,12 +46,12 @@ class Expected:
         jitter: Largest deviation of a time step, as a share of the period.
         limits: Limits [rad; m] by joint; joints without limits are absent.
         slides: Names of the slide joints, in metres and newtons instead of radians and newton metres.
-        effort: Whether commands are not positions [rad; m].
+        kinds: Command quantity by joint: `.pos`, `.vel` or `.effort`; absent joints are commanded positions.
         turns: Whether joints may exceed two turns.
         resampled: Whether rows are resampled to even steps before use.
         derived: Whether velocities are derived from positions instead of read.
         promise: Source of the expected rate, as words for messages.
-        without_clock: How to take the rows as evenly spaced, likewise.
+        remedies: Remedies in place of those of a map file; None for these.
     """
 
     rate: float
@@ -33,12 +59,16 @@ class Expected:
     jitter: float = LATE
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     slides: Collection[str] = frozenset()
-    effort: bool = False
+    kinds: Mapping[str, str] = field(default_factory=dict)
     turns: bool = False
     resampled: bool = False
     derived: bool = False
     promise: str = "the dataset promises"
-    without_clock: str = "say uniform = true in [read.time] in place of 'column' and 'unit'"
+    remedies: Remedies | None = None
+
+    def find_commanded(self, joints: Sequence[str], kind: str) -> np.ndarray:
+        """Return which joints are commanded one quantity, as a mask of shape (n,)."""
+        return np.array([self.kinds.get(joint, POSITION) == kind for joint in joints], bool)
 
 
 @dataclass(frozen=True)
@@ -83,11 +113,12 @@ class AuditFinding:
 def find_radian_equivalents(recording: Recording, expected: Expected) -> np.ndarray:
     """Return what stands for a radian at each joint [rad; slides m], shape (n,): thresholds of angles are times this.
 
-    It is 1 at hinges. A slide's range stands for that of a usual hinge: it is that of its limits, else of its commands,
-    else of its positions.
+    It is 1 at hinges. A slide's range stands for that of a usual hinge: it is that of its limits, else of its commanded
+    positions, else of its positions.
     """
-    reach = np.ptp(recording.positions, axis=0) if expected.effort else np.ptp(recording.commands, axis=0)
-    reach = np.where(reach > 0, reach, np.ptp(recording.positions, axis=0))
+    moved, commanded = np.ptp(recording.positions, axis=0), np.ptp(recording.commands, axis=0)
+    positional = expected.find_commanded(recording.joints, POSITION)
+    reach = np.where(positional & (commanded > 0), commanded, moved)
     limits = [float(np.ptp(expected.limits.get(joint, (0.0, 0.0)))) for joint in recording.joints]
     return compute_angle_scales(recording.joints, expected.slides, np.where(limits, limits, reach))
 

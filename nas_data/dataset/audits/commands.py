@@ -1,45 +1,75 @@
-"""Commands against positions: a joint that follows its command must do so in the same unit and sign."""
+"""Commands against motion: a joint that follows its command must do so in the same unit and sign."""
 
 import numpy as np
 
 from nas_data.dataset.audits.base import AuditFinding, Expected
+from nas_data.dataset.audits.velocity import KNOWN, KNOWN_OF_SLIDES, NEAR
+from nas_data.dataset.features import POSITION, VELOCITY
 from nas_data.dataset.recording import Recording
 
 ENOUGH = 20  # rows from which a correlation says something
 FOLLOWED = 1.0  # [s] in which a servo has followed its commands, however slow it is
 ALIKE = 0.7  # correlation from which the position follows the command
 DEGREES = 180 / np.pi
+WHILE = 0.25  # [s] over which a commanded velocity and the travel are averaged: servos answer late
 WITHIN = 2.0  # a servo that lags or sags follows with another amplitude, but not by this factor
 
 
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Refuse commands whose amplitude is off by the factor between two units; report opposite signs.
 
-    That factor is about 57 between degrees and radians, 1,000 between millimetres and metres.
+    That factor is about 57 between degrees and radians, 1,000 between millimetres and metres. Commanded positions are
+    compared with positions, commanded velocities with how fast positions change.
     """
-    if expected.effort or len(recording) < ENOUGH:
+    if len(recording) < ENOUGH:
         return []
     found = []
-    for index, joint in enumerate(recording.joints):
-        command, position = recording.commands[:, index], recording.positions[:, index]
-        spread = float(np.std(command)), float(np.std(position))
-        if min(spread) < 1e-9:
+    speeds = expected.find_commanded(recording.joints, VELOCITY)
+    for index in np.flatnonzero(speeds | expected.find_commanded(recording.joints, POSITION)):
+        joint, speed = recording.joints[index], bool(speeds[index])
+        commands, motion = (_average_speeds if speed else _centre_positions)(recording, index)
+        size = float(np.linalg.norm(commands)), float(np.linalg.norm(motion))
+        if min(size) < 1e-9 * np.sqrt(len(recording)):
             continue
-        likeness = float(np.corrcoef(command, position)[0, 1])
-        factor = spread[0] / spread[1]
+        likeness = float(commands @ motion) / (size[0] * size[1])
+        factor = size[0] / size[1]
         slide = joint in expected.slides
         ratio, units = (1e3, "millimetres and metres") if slide else (DEGREES, "degrees and radians")
-        slip = any(1 / WITHIN < factor / wanted < WITHIN for wanted in (ratio, 1 / ratio))
+        slip = _is_factor(factor, ratio, WITHIN)
+        if speed and not slip:  # such a factor may be a weak servo's as well
+            known = KNOWN_OF_SLIDES if slide else KNOWN
+            units = next((words for one, words in known.items() if _is_factor(factor, one, 1 + NEAR)), "")
         lasting = float(np.ptp(recording.time)) >= FOLLOWED
-        if slip and lasting and abs(likeness) >= ALIKE:
-            what = (
-                f"the command of {joint} moves {factor:.3g} times as far as the position that follows it, about the "
-                f"factor between {units}"
-            )
+        if (slip or (speed and units)) and lasting and abs(likeness) >= ALIKE:
+            times = f"is {factor:.3g} times as fast as" if speed else f"moves {factor:.3g} times as far as"
+            what = f"the command of {joint} {times} the position that follows it, about the factor between {units}"
             remedy = "correct the unit in [read.command] or [read.position]"
-            found.append(AuditFinding("command_scale", recording.label, what, remedy, error=True))
+            found.append(AuditFinding("command_scale", recording.label, what, remedy, error=slip))
         elif likeness <= -ALIKE:
             what = f"the position of {joint} moves against its command (correlation {likeness:.2f})"
             remedy = "check 'sign' in [read.command] and [read.position]"
             found.append(AuditFinding("command_sign", recording.label, what, remedy))
     return found
+
+
+def _is_factor(factor: float, wanted: float, within: float) -> bool:
+    """Whether a factor is about the wanted one, or its inverse."""
+    return any(1 / within < factor / one < within for one in (wanted, 1 / wanted))
+
+
+def _centre_positions(recording: Recording, index: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return a joint's commanded and measured positions about their means, shape (N,) each."""
+    command, position = recording.commands[:, index], recording.positions[:, index]
+    return command - command.mean(), position - position.mean()
+
+
+def _average_speeds(recording: Recording, index: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return a joint's commanded and actual mean speeds over overlapping whiles [rad/s; m/s], shape (M,) each.
+
+    Positions tell the actual speed, because a velocity register may be late, coarse or absent.
+    """
+    time, command, position = recording.time, recording.commands[:, index], recording.positions[:, index]
+    rows = max(1, int(np.searchsorted(time, time[0] + WHILE)))
+    asked = np.concatenate([[0.0], np.cumsum(command[:-1] * np.diff(time))])
+    spans = np.maximum(time[rows:] - time[:-rows], 1e-9)
+    return (asked[rows:] - asked[:-rows]) / spans, (position[rows:] - position[:-rows]) / spans

@@ -3,6 +3,7 @@
 import numpy as np
 
 from nas_data.dataset.audits.base import AuditFinding, Expected, find_radian_equivalents
+from nas_data.dataset.features import POSITION, VELOCITY
 from nas_data.dataset.recording import Recording
 
 ENOUGH = 20  # rows from which a correlation says something
@@ -14,31 +15,35 @@ CLOSER = 0.5  # how much less a position must differ from another joint's comman
 
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Report commands that are the measured positions, and joints that follow another joint's command."""
-    if expected.effort or len(recording) < ENOUGH:
+    if len(recording) < ENOUGH:
         return []
-    return _report_copied_commands(recording) + _report_swapped_commands(
-        recording, find_radian_equivalents(recording, expected)
-    )
+    return _report_copied_commands(recording, expected) + _report_swapped_commands(recording, expected)
 
 
-def _report_copied_commands(recording: Recording) -> list[AuditFinding]:
-    """Report joints whose command equals the position in all rows: no servo is so good, a column is so."""
-    same = np.isclose(recording.commands, recording.positions, rtol=0, atol=1e-9).all(axis=0)
-    same &= recording.positions.std(axis=0) > 1e-6
-    if not same.any():
-        return []
-    names = ", ".join(joint for joint, copied in zip(recording.joints, same, strict=True) if copied)
-    what = f"the command of {names} equals the measured position in all rows"
-    remedy = "check that [read.command] names the commands, not the positions"
-    return [AuditFinding("command_is_position", recording.label, what, remedy)]
-
-
-def _report_swapped_commands(recording: Recording, radians: np.ndarray) -> list[AuditFinding]:
-    """Report joints that move with another joint's command and not with their own; `radians` are those at each."""
+def _report_copied_commands(recording: Recording, expected: Expected) -> list[AuditFinding]:
+    """Report joints whose command equals what was measured in all rows: no servo is so good, a column is so."""
     found = []
-    for index, joint in enumerate(recording.joints):
-        position = recording.positions[:, index]
-        distance = np.std(position[:, None] - recording.commands, axis=0)
+    for kind, name in ((POSITION, "position"), (VELOCITY, "velocity")):
+        measured = recording.positions if kind == POSITION else recording.velocities
+        if measured is None:
+            continue
+        same = np.isclose(recording.commands, measured, rtol=0, atol=1e-9).all(axis=0)
+        same &= (measured.std(axis=0) > 1e-6) & expected.find_commanded(recording.joints, kind)
+        if same.any():
+            names = ", ".join(joint for joint, copied in zip(recording.joints, same, strict=True) if copied)
+            what = f"the command of {names} equals the measured {name} in all rows"
+            remedy = "check that [read.command] names the commands, not what was measured"
+            found.append(AuditFinding("command_is_position", recording.label, what, remedy))
+    return found
+
+
+def _report_swapped_commands(recording: Recording, expected: Expected) -> list[AuditFinding]:
+    """Report joints that move with another joint's command and not with their own; both are commanded positions."""
+    found, radians = [], find_radian_equivalents(recording, expected)
+    positional = expected.find_commanded(recording.joints, POSITION)
+    for index in np.flatnonzero(positional):
+        joint, position = recording.joints[index], recording.positions[:, index]
+        distance = np.where(positional, np.std(position[:, None] - recording.commands, axis=0), np.inf)
         other = int(np.argmin(distance))
         if other == index or position.std() < MOVED * radians[index] or distance[other] > CLOSER * distance[index]:
             continue

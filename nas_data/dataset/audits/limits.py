@@ -3,6 +3,7 @@
 import numpy as np
 
 from nas_data.dataset.audits.base import AuditFinding, Expected, list_row_numbers
+from nas_data.dataset.features import POSITION
 from nas_data.dataset.recording import Recording
 from nas_data.joint_units import find_joint_unit
 
@@ -11,11 +12,11 @@ TOLERANCE = 1e-6  # [rad; m]; limits and logs are written with so many digits
 
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Report rows beyond a limit, by joint."""
-    found = []
+    found, positional = [], expected.find_commanded(recording.joints, POSITION)
     for index, joint in enumerate(recording.joints):
         if joint not in expected.limits:
             continue
-        if not expected.effort:
+        if positional[index]:
             found += _report_excess(recording, expected, index, "command", recording.commands[:, index])
         found += _report_excess(recording, expected, index, "position", recording.positions[:, index])
     return found

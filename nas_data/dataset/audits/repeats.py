@@ -4,6 +4,7 @@ import numpy as np
 
 from nas_data.dataset.audits.base import AuditFinding, Expected, find_radian_equivalents, list_row_numbers
 from nas_data.dataset.audits.torque_off import SIGNAL as TORQUE
+from nas_data.dataset.features import POSITION
 from nas_data.dataset.noise import SMALLEST, find_quantisation_step
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.rows import find_row_spans
@@ -11,7 +12,7 @@ from nas_data.dataset.rows import find_row_spans
 MOVED = 2.5  # [quanta] a joint that moves this far a row cannot give the same reading twice …
 FASTER = 0.2  # … nor one that moves this share of its largest moves, where resampling has blurred the quanta
 AROUND = 0.05  # [s] on either side over which a speed is averaged where no register tells it
-COMMANDED = 0.02  # [rad] or [N·m]; a command that moves this far while all readings repeat is worth a word
+COMMANDED = 0.02  # [rad], [rad/s] or [N·m]; a command that moves this far while all readings repeat is worth a word
 LASTING = 0.1  # [s] such repeats that are shorter are ordinary rests of a quantised reading
 STUCK = 1.5  # [s] a joint that is still for so long …
 AWAY = 0.2  # … [rad] while its own command moves so far, does not follow it
@@ -43,7 +44,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
             f"{recording.name_rows(rows)}: a joint that sticks, or stale readings; the log alone cannot tell"
         )
         found.append(AuditFinding("repeated_samples", recording.label, what, rows=rows, minor=True))
-    return found if expected.effort else found + _report_stuck_joints(recording, expected, held)
+    return found + _report_stuck_joints(recording, expected, held)
 
 
 def _find_repeated_rows(recording: Recording) -> np.ndarray:
@@ -95,7 +96,8 @@ def _describe_pattern(stale: np.ndarray, rate: float) -> str:
 def _find_held_rows(recording: Recording, expected: Expected, same: np.ndarray) -> np.ndarray:
     """Return which repeated rows belong to a lasting run in which the command moves all the time, shape (N,)."""
     held = np.zeros(len(recording), bool)
-    least = COMMANDED * (1.0 if expected.effort else find_radian_equivalents(recording, expected))
+    positional = expected.find_commanded(recording.joints, POSITION)
+    least = COMMANDED * np.where(positional, find_radian_equivalents(recording, expected), 1.0)
     commanded = np.concatenate([[False], (np.diff(recording.commands, axis=0) != 0).any(axis=1)])
     for first, last in find_row_spans(np.flatnonzero(same & commanded)):
         commands = recording.commands[first - 1 : last + 1]
@@ -105,10 +107,11 @@ def _find_held_rows(recording: Recording, expected: Expected, same: np.ndarray) 
 
 
 def _report_stuck_joints(recording: Recording, expected: Expected, said: np.ndarray) -> list[AuditFinding]:
-    """Report joints whose reading alone stands still for long while their own command goes far away and back."""
+    """Report position servos whose reading alone stands still for long while their command goes far away and back."""
     found, radians = [], find_radian_equivalents(recording, expected)
     released = (recording.signals.get(TORQUE, np.ones((len(recording), 1))) == 0).any(axis=1)
-    for index, joint in enumerate(recording.joints):
+    for index in np.flatnonzero(expected.find_commanded(recording.joints, POSITION)):
+        joint = recording.joints[index]
         position, command = recording.positions[:, index], recording.commands[:, index]
         stuck = np.zeros(len(recording), bool)
         for first, last in find_row_spans(np.flatnonzero(np.diff(position) == 0) + 1):

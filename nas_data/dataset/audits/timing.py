@@ -32,13 +32,15 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     found = []
     repeated = list_row_numbers(recording.rows[1:], steps == 0)
     if len(repeated) == len(steps):
-        what, remedy = "the time is the same in all rows", "name the time column in [read.time]"
+        what = "the time is the same in all rows"
+        remedy = "name the time column in [read.time], or say uniform = true there if the log has none"
         return [AuditFinding("repeated_time", recording.label, what, remedy, repeated, error=True)]
     if len(repeated) > MOST_REPEATED * len(steps) and not expected.resampled:
         what = f"most rows repeat the time of the row before: {recording.name_rows(repeated)}"
         remedy = (
-            f"if the rows are evenly spaced and the clock is too coarse, {expected.without_clock}; if each reading was "
-            "written several times, add [resample] with the rate of the readings"
+            "if the rows are evenly spaced and the clock is too coarse, say uniform = true in [read.time] in place of "
+            "'column' and 'unit'; if each reading was written several times, add [resample] with the rate of the "
+            "readings"
         )
         return [AuditFinding("repeated_time", recording.label, what, remedy, repeated, error=True)]
     if repeated:
@@ -51,6 +53,12 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
         + _rate(recording, steps, expected)
         + _report_uneven_steps(recording, steps, expected)
     )
+
+
+def measure_rate(time: np.ndarray) -> float:
+    """Return the usual rate of rows at these times [Hz]; 0 where time never goes on."""
+    steps = np.diff(time)
+    return float(1 / np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
 
 
 def find_holes(steps: np.ndarray, period: float) -> np.ndarray:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from nas_data.dataset.audits.base import AuditFinding, Expected, list_row_numbers
+from nas_data.dataset.features import POSITION
 from nas_data.dataset.joints import LARGEST_ANGLE, LARGEST_LENGTH
 from nas_data.dataset.recording import Recording
 from nas_data.joint_units import find_joint_unit
@@ -16,9 +17,12 @@ BEYOND = 0.5  # share of the range by which a measured position cannot exceed it
 
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Refuse positions and commands that cannot be in the unit that they are said to be in."""
-    found = [] if expected.turns else _report_large_values(recording, expected, "position", recording.positions)
-    if not expected.effort and not expected.turns:
-        found += _report_large_values(recording, expected, "command", recording.commands)
+    found = []
+    if not expected.turns:
+        found += _report_large_values(recording, expected, "position", recording.positions)
+        # Commanded speeds and torques have no largest value.
+        angles = np.where(expected.find_commanded(recording.joints, POSITION), recording.commands, 0.0)
+        found += _report_large_values(recording, expected, "command", angles)
     return found or _report_limit_excess(recording, expected)
 
 

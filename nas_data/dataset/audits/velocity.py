@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nas_data.dataset.audits.base import AuditFinding, Expected, find_radian_equivalents
+from nas_data.dataset.features import POSITION
 from nas_data.dataset.recording import Recording
 from nas_data.joint_units import convert_hinge_unit
 
@@ -69,8 +70,9 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
         for index, joint in enumerate(recording.joints)
         if (fit := fit_register(recording, index, 1 / expected.rate)) is not None
     }
-    if expected.effort:  # how soon a joint is done with a torque, nothing tells
-        fits = {joint: replace(fit, way=1.0) for joint, fit in fits.items()}
+    positional = dict(zip(recording.joints, expected.find_commanded(recording.joints, POSITION), strict=True))
+    # How soon a joint is done with a torque or a speed, nothing tells.
+    fits = {joint: fit if positional[joint] else replace(fit, way=1.0) for joint, fit in fits.items()}
     found = _report_silent_registers(recording, expected) + _report_wrong_scales(recording, expected, fits)
     if expected.derived:  # the register is only kept beside the velocities
         found = [replace(finding, error=False) for finding in found]

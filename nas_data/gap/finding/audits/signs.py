@@ -1,5 +1,6 @@
 """Signs: whether a resting joint is held against the model's gravity, or hangs upwards."""
 
+from nas_data.dataset.features import POSITION
 from nas_data.gap.finding.audits.base import Examined, join_names
 from nas_data.gap.finding.torque_off import keep_torque_on
 from nas_data.gap.report_parts import Check
@@ -11,7 +12,7 @@ NAME = "signs"
 def check(examined: Examined) -> Check:
     """Compare the position errors of resting servos with the model's gravity."""
     dataset = examined.dataset
-    if not dataset.commands_positions:
+    if POSITION not in dataset.kinds:
         return Check(NAME, "Not compared with gravity: the commands are no positions.")
     found = check_signs(keep_torque_on(dataset), examined.nominal.spec.copy().compile())
     if not found:

@@ -12,5 +12,8 @@ def check(examined: Examined) -> Check:
     """Report where the recorder's clock contradicts evenly spaced rows."""
     if TIME not in examined.dataset.columns:
         return Check(NAME, "The recorder's clock was not kept (nas.time): rows are taken as evenly spaced.")
-    advice = "import the recording again with [resample] in its map"
+    advice = (
+        "import the recording again with [resample] in its map, or with --uniform a LeRobot dataset of which only the "
+        "time stamps are uneven"
+    )
     return summarise_audits(NAME, examined, CHECKS, "The rows came evenly, at the dataset's rate.", advice)

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import POSITION
 from nas_data.dataset.read import read
+from nas_data.joint_units import find_joint_unit
 from nas_data.models.evaluation import Evaluation
 from nas_data.reports.experiment_figures import warn
 from nas_data.reports.prediction_figures import compute_joint_errors, draw_trajectory
@@ -50,13 +52,14 @@ class Sequence:
     def picture(self, quick: bool) -> bytes:
         """Draw the joint in the episode, and the predictors' errors below; a quick one says so."""
         rows = self.dataset.episode(self.episode)
-        effort = not self.dataset.commands_positions
+        commanded = self.dataset.kinds[self.joint] == POSITION
         figure = draw_trajectory(
             self.measured[self.episode][:, self.joint],
             {name: self.evaluation.rollouts[name][self.episode][:, self.joint] for name in DRAWN},
-            None if effort else self.dataset.commands[rows, self.joint],
+            self.dataset.commands[rows, self.joint] if commanded else None,
             1 / self.dataset.fps,
             self.dataset.joints[self.joint],
+            find_joint_unit(self.dataset.joints[self.joint], self.dataset.slides),
         )
         warn(figure, quick)
         return to_png(figure)

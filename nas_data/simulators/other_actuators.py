@@ -1,0 +1,120 @@
+"""What moves a joint beside the actuator that commands it: tendons, sites, bodies, second servos and constraints."""
+
+from collections.abc import Collection
+
+import mujoco
+import numpy as np
+
+from nas_data.log import warn_once
+from nas_data.mjcf.actuator_lookup import describe_transmission
+from nas_data.simulators.followers import list_tied_dofs, make_generic_posture
+
+LEVER = 1e-9  # smallest moment arm that counts
+FORCES = (int(mujoco.mjtBias.mjBIAS_MUSCLE), int(mujoco.mjtBias.mjBIAS_USER))  # passive forces of unknown form
+SPRINGS = (int(mujoco.mjtGain.mjGAIN_PID), int(mujoco.mjtGain.mjGAIN_DCMOTOR))
+PROPORTIONAL = 4  # index of a controller's proportional gain in `gainprm` of a dcmotor
+
+
+def explain_missing_actuator(model: mujoco.MjModel, joint: int, name: str) -> str:
+    """Return the error for a joint that no actuator drives by itself, with what to do.
+
+    Args:
+        model: Compiled model.
+        joint: Index of the joint.
+        name: Name of the model.
+    """
+    own = model.joint(joint).name
+    for actuator in find_reaching_actuators(model, [int(model.jnt_dofadr[joint])]):
+        through = describe_transmission(model, actuator)
+        if through is not None:
+            return (
+                f"'{own}' of {name} is moved through {through} by the actuator{_quote(model, actuator)}, but only an "
+                f'actuator of the joint itself takes its commands; replace it by <position joint="{own}" kp="…"/>.'
+            )
+    leader = find_leader(model, joint)
+    if leader is not None:
+        return (
+            f"'{own}' of {name} follows {leader} (an equality or mimic of the model) and takes no commands; leave it "
+            "out of 'joints' of the map and import again."
+        )
+    return f'No actuator of {name} drives the joint \'{own}\'; add one, for example <position joint="…" kp="…"/>.'
+
+
+def find_leader(model: mujoco.MjModel, joint: int) -> str | None:
+    """Return which joint a joint follows by an active equality, in quotes; None if it follows none.
+
+    Where a tendon or a closed loop ties it to several joints with actuators, all of them are named.
+    """
+    if (leader := _find_joint_leader(model, joint)) is not None:
+        return f"'{model.joint(leader).name}'"
+    tied = list_tied_dofs(model, int(model.jnt_dofadr[joint]))
+    driven = sorted({dof for moved in find_reaching_actuators(model, tied).values() for dof in moved})
+    return ", ".join(f"'{model.joint(int(model.dof_jntid[dof])).name}'" for dof in driven) or None
+
+
+def _find_joint_leader(model: mujoco.MjModel, joint: int) -> int | None:
+    """Return the second joint of an active equality between two joints whose first joint is given."""
+    between = (model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)) & model.eq_active0 & (model.eq_obj2id >= 0)
+    found = model.eq_obj2id[between & (model.eq_obj1id == joint)]
+    return int(found[0]) if len(found) else None
+
+
+def warn_of_held_actuators(
+    model: mujoco.MjModel, joints: Collection[int], commanded: Collection[int], name: str
+) -> None:
+    """Warn, once, of each actuator that no command reaches and that pulls a commanded joint to its reference.
+
+    Actuators without a force at rest, such as motors and dampers, change nothing.
+
+    Args:
+        model: Compiled model.
+        joints: Indices of the commanded joints.
+        commanded: Indices of the actuators that take the commands.
+        name: Name of the model.
+    """
+    coupled = {*joints, *(joint for joint in range(model.njnt) if _find_joint_leader(model, joint) in joints)}
+    dofs = [int(model.jnt_dofadr[joint]) for joint in coupled]
+    for actuator, moved in find_reaching_actuators(model, dofs).items():
+        if actuator in commanded or not pulls(model, actuator):
+            continue
+        joint = model.joint(int(model.dof_jntid[moved[0]])).name
+        through = f" through {words}" if (words := describe_transmission(model, actuator)) else ""
+        warn_once(
+            f"the actuator{_quote(model, actuator)} of {name} pulls '{joint}'{through} and gets no command: it stays "
+            "at its reference and works against the joint's own actuator; take it out of the model if the robot does "
+            "not have both."
+        )
+
+
+def pulls(model: mujoco.MjModel, actuator: int) -> bool:
+    """Whether an actuator has a force that depends on its length while its control rests."""
+    gain, bias = int(model.actuator_gaintype[actuator]), int(model.actuator_biastype[actuator])
+    if gain in SPRINGS:
+        return bool(model.actuator_gainprm[actuator, PROPORTIONAL] or model.actuator_biasprm[actuator, 1])
+    return bias in FORCES or (bias == int(mujoco.mjtBias.mjBIAS_AFFINE) and bool(model.actuator_biasprm[actuator, 1]))
+
+
+def find_reaching_actuators(model: mujoco.MjModel, dofs: Collection[int]) -> dict[int, list[int]]:
+    """Return the actuators with a control that move some degrees of freedom, by any transmission, and which they move.
+
+    Args:
+        model: Compiled model.
+        dofs: Indices in `qvel`.
+    """
+    data = mujoco.MjData(model)
+    data.qpos[:] = make_generic_posture(model)
+    mujoco.mj_fwdPosition(model, data)
+    found = {}
+    for actuator in np.flatnonzero(model.actuator_ctrlnum > 0).tolist():
+        output = int(model.actuator_outadr[actuator])
+        chosen = slice(data.moment_rowadr[output], data.moment_rowadr[output] + data.moment_rownnz[output])
+        moved = data.moment_colind[chosen][np.abs(data.actuator_moment[chosen]) > LEVER].tolist()
+        if reached := [dof for dof in moved if dof in dofs]:
+            found[actuator] = reached
+    return found
+
+
+def _quote(model: mujoco.MjModel, actuator: int) -> str:
+    """Return an actuator's name in quotes after a space; empty if it has none."""
+    own = model.actuator(actuator).name
+    return f" '{own}'" if own else ""
