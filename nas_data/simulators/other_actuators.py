@@ -72,6 +72,8 @@ def warn_of_held_actuators(
         commanded: Indices of the actuators that take the commands.
         name: Name of the model.
     """
+    if set(np.flatnonzero(model.actuator_ctrlnum > 0).tolist()) <= set(commanded):
+        return
     coupled = {*joints, *(joint for joint in range(model.njnt) if _find_joint_leader(model, joint) in joints)}
     dofs = [int(model.jnt_dofadr[joint]) for joint in coupled]
     for actuator, moved in find_reaching_actuators(model, dofs).items():

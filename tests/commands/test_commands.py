@@ -120,6 +120,7 @@ def test_a_locale_that_lacks_a_letter_ends_nothing_in_a_traceback(locale):
     assert b"N?m" in ended.stdout
 
 
+@pytest.mark.slow
 def test_a_training_in_a_locale_without_phi_says_so_in_other_letters_and_is_the_same(place, here):
     locale = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "OMP_NUM_THREADS": "1"}
     program = [sys.executable, "-m", "nas_data", "train", "delta", str(place.paired), "--out", "run", *FAST]

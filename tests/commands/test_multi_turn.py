@@ -30,6 +30,7 @@ def here(tmp_path, monkeypatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_every_command_takes_positions_of_many_turns(here):
     turning = read(here / "turning")
     assert (np.abs(turning.states[:, :2]).max(axis=0) > 2 * TWO_TURNS).all()
