@@ -12,7 +12,11 @@ import yaml
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-PAGES = sorted({ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS.rglob("*.md")})
+PAGES = sorted(
+    path
+    for pattern in ("*.md", "docs/**/*.md", "datasets/*.md", "lerobot_robot_ergojr/*.md")
+    for path in ROOT.glob(pattern)
+)
 LINK = re.compile(r"\]\(([^()\s]+)\)")
 FENCED = re.compile(r"```.*?```", re.DOTALL)
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
@@ -42,10 +46,11 @@ def words_a_sentence(text: str) -> float:
 
 
 def anchors(path: Path) -> set[str]:
-    """Return the anchors of a page's headings, as mkdocs and GitHub name them alike."""
-    headings = HEADING.findall(FENCED.sub("", path.read_text(encoding="utf-8")))
+    """Return where links into a page may lead: its headings as mkdocs and GitHub name them alike, and its ids."""
+    text = FENCED.sub("", path.read_text(encoding="utf-8"))
+    headings, ids = HEADING.findall(text), set(re.findall(r'id="([^"]+)"', text))
     plain = [re.sub(r"\[([^\]]*)\]\([^)]*\)|[`*]", r"\1", heading).strip().lower() for heading in headings]
-    return {re.sub(r"[\s]+", "-", re.sub(r"[^\w\s-]", "", heading)) for heading in plain}
+    return ids | {re.sub(r"[\s]+", "-", re.sub(r"[^\w\s-]", "", heading)) for heading in plain}
 
 
 def broken(path: Path) -> list[str]:
