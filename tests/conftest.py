@@ -19,6 +19,15 @@ settings.register_profile("repeatable", derandomize=True)
 settings.load_profile("repeatable")
 
 
+LONGEST = ("gap/test_gate.py", "api/test_api.py", "gap/test_workflow.py", "gap/test_learned.py", "gap/test_floor.py")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the longest files: one that a worker took last would keep the others waiting."""
+    order = {Path(__file__).parent / name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: order.get(item.path, len(order)))
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Skip what needs PyBullet where it is not installed: for Python 3.12 it is an extra."""
     if item.get_closest_marker("bullet"):

@@ -92,12 +92,6 @@ def test_pairing_takes_the_result_as_a_source(hidden: tuple[Path, dict], arm: Pa
     assert main(["record", "sim", "--robot", str(arm), *again]) == 0
 
 
-def test_nothing_is_named_where_nothing_hides(arm: Path, tmp_path: Path):
-    report = investigate(recorded(arm, tmp_path / "data"), arm, tmp_path / "report")
-    assert report.effects == ()
-    assert report.verdict in {"none", "retuned"}
-
-
 def test_stages_can_be_run_one_by_one(hidden: tuple[Path, dict], arm: Path, tmp_path: Path, capsys):
     folder, _ = hidden
     data = recorded(arm, tmp_path / "data", "--effect", BACKLASH)
