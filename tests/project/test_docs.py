@@ -24,11 +24,13 @@ LOADED = re.compile(r'<(?:script|link|img)[^>]+(?:src|href)="?(https?://[^"> ]+)
 MOST_WORDS, MOST_PICTURES, FIGURES = 900, 3, 5
 LONGEST_SENTENCES = 18.0  # [words] of a page on average
 PLAIN = [DOCS / name for name in ("index.md", "install.md", "first_report.md", "transfer.md", "paper.md", "so101.md")]
+PLAIN += [DOCS / name for name in ("search.md", "model_features.md", "results/README.md", "results/ergo_reacher.md")]
 PLAIN += [DOCS / "format.md", DOCS / "comparison.md", ROOT / "README.md", *sorted((DOCS / "concepts").glob("*.md"))]
 
 
 def prose(text: str) -> list[str]:
-    """Return the sentences of a page, without code, formulas, tables, headings and comments."""
+    """Return the sentences of a page, without code, formulas, tables, headings, comments, and what scripts made."""
+    text = re.sub(r"<!-- made by .*?<!-- end -->", "\n\n", text, flags=re.DOTALL)
     text = re.sub(r"```.*?```|\$\$.*?\$\$|<!--.*?-->", "\n\n", text, flags=re.DOTALL)
     text = re.sub(r"!\[[^\]]*\]\([^)]*\)", "", text)
     text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text)
