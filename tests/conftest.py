@@ -19,6 +19,7 @@ settings.register_profile("repeatable", derandomize=True)
 settings.load_profile("repeatable")
 
 
+# files whose fixtures or single tests take longest, from the longest on
 LONGEST = ("gap/test_gate.py", "api/test_api.py", "gap/test_workflow.py", "gap/test_learned.py", "gap/test_floor.py")
 
 

@@ -100,7 +100,7 @@ def test_words_that_are_no_command_are_answered(words):
     assert format_overview(words[0]) in answer.out or answer.err.startswith("nas: There is no command")
 
 
-@pytest.mark.parametrize("words", ["--help", "gap --help", "effects"])
+@pytest.mark.parametrize("words", ["--help", "effects"])
 def test_a_reader_that_has_seen_enough_ends_the_program_quietly(words: str):
     reading, writing = os.pipe()
     os.close(reading)
