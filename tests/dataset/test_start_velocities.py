@@ -64,7 +64,7 @@ def test_a_velocity_is_exact_where_the_acceleration_is_constant(speed, accelerat
     place=st.sampled_from([0.0, 0.3, 1.0]),
     seed=st.integers(0, 10_000),
 )
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=200, deadline=None)
 def test_the_uncertainty_of_a_velocity_covers_the_truth(size, frequency, phase, noise, rate, place, seed):
     turns = 2 * np.pi * frequency
     times = np.arange(round(rate * SECONDS)) / rate
