@@ -1,16 +1,17 @@
 """Draw the pictures of the concept pages: python docs/pictures.py."""
 
-import json
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+import pyarrow.parquet as pq
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 CONCEPTS = Path(__file__).parent / "concepts"
-SEALED_RUN = Path(__file__).parent / "results/blind/seed15.json"
+BLIND_CASES = Path(__file__).parent / "results/blind.parquet"
+SEALED_SEED = 15  # of the sealed run of 200 cases
 QUANTUM = 0.293  # [°] of an XL-320's encoder: 300° in 1024 steps
 NOISE = 0.08  # [°]
 RATE = 100.0  # [Hz]
@@ -54,8 +55,8 @@ def draw_objective() -> Figure:
 
 def draw_confidence() -> Figure:
     """Show how many findings of the sealed run were right, by their confidence."""
-    cases = json.loads(SEALED_RUN.read_text(encoding="utf-8"))["cases"]
-    said = [finding for case in cases for finding in case["confidences"]]
+    cases = pq.read_table(BLIND_CASES, columns=["confidences"], filters=[("seed", "=", SEALED_SEED)])
+    said = [finding for case in cases["confidences"].to_pylist() for finding in case]
     figure, axes = pyplot.subplots(figsize=(7, 3.0), layout="constrained")
     for place, (low, high, _) in enumerate(BINS):
         right = [finding["right"] for finding in said if low <= finding["confidence"] < high]

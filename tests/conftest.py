@@ -14,9 +14,19 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.recorders import watchdog
 from nas_data.runs import code_hash
 
-# The same draws every time, so that a change is judged by itself; --hypothesis-profile=default draws new ones.
-settings.register_profile("repeatable", derandomize=True)
+# The same draws every time, so that a change is judged by itself; --hypothesis-profile=default draws more and new ones.
+settings.register_profile("repeatable", derandomize=True, max_examples=50)
 settings.load_profile("repeatable")
+
+
+# files whose fixtures or single tests take longest, from the longest on
+LONGEST = ("gap/test_gate.py", "api/test_api.py", "gap/test_learned.py", "gap/test_floor.py")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the longest files: one that a worker took last would keep the others waiting."""
+    order = {Path(__file__).parent / name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: order.get(item.path, len(order)))
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -76,8 +76,9 @@ def moved(number: int) -> np.ndarray:
     return reference(arm, commands, poses, conditions.period, conditions.settle)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", INDEPENDENT)
-@pytest.mark.parametrize("number", [ARMS[0], *(pytest.param(number, marks=pytest.mark.slow) for number in ARMS[1:])])
+@pytest.mark.parametrize("number", ARMS)
 def test_without_effects_a_plant_follows_mujoco_within_the_noise(plant, number):
     arm, conditions, commands, poses = drawn(number)
     n = len(arm.joints)

@@ -100,8 +100,9 @@ def test_rigid_body_dynamics_with_slides_equal_mujocos(number):
         np.testing.assert_allclose(bias[row], data.qfrc_bias, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", INDEPENDENT)
-@pytest.mark.parametrize("number", SOME)
+@pytest.mark.parametrize("number", MACHINES)
 def test_without_effects_a_plant_follows_mujoco_within_the_noise(plant, number):
     arm, conditions, tape = followed(number)
     n, few = len(arm.joints), tape[:1]
@@ -114,11 +115,12 @@ def test_without_effects_a_plant_follows_mujoco_within_the_noise(plant, number):
     assert error < 0.1 * np.sqrt(np.square(speeds).mean())
 
 
+@pytest.mark.parametrize("plant", INDEPENDENT)
 @pytest.mark.parametrize("number", SOME)
-def test_the_model_handed_over_follows_its_plant_up_to_its_timestep(number):
+def test_the_model_handed_over_follows_its_plant_up_to_its_timestep(plant, number):
     arm, conditions, tape = followed(number)
     n, truths = len(arm.joints), [Truth(Base.nominal(len(arm.joints)))]
-    one, other = (play(plant, arm, truths, tape, conditions.period)[0] for plant in ("numpy", "mujoco"))
+    one, other = (play(name, arm, truths, tape, conditions.period)[0] for name in (plant, "mujoco"))
     ahead = arm.model().opt.timestep * np.sqrt(np.square(one[..., n:]).mean(axis=(0, 1)))
     assert (np.sqrt(np.square(one - other)[..., :n].mean(axis=(0, 1))) < conditions.sensor.noise + ahead).all()
 

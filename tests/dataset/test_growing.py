@@ -110,7 +110,7 @@ while True:
 
 def test_a_killed_writer_loses_nothing_that_it_called_saved(tmp_path):
     rng = np.random.default_rng(0)
-    for _ in range(6):
+    for _ in range(3):
         command = [sys.executable, "-c", WRITER, str(tmp_path / "rec"), str(TESTS)]
         writer = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         for _ in range(1 + int(rng.integers(1, 6))):

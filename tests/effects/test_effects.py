@@ -183,8 +183,8 @@ def test_each_parameter_is_found_again_in_a_noisy_recording(name, parameter):
 
     # sticking makes the misfit rough: nested grids do not stop at the first dent
     found = 0.03  # so that no grid point is the truth
-    for spacing, reach in ((0.2, 5), (0.05, 2), (0.0125, 2)):
-        grid = found + spacing * np.arange(-reach, reach + 1)
+    for spacing in (0.25, 0.05):
+        grid = found + spacing * np.arange(-2, 3)
         found = float(grid[np.argmin([misfit(point) for point in grid])])
     assert abs(found) < 0.05
 

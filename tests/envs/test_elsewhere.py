@@ -22,7 +22,13 @@ BAD = {"nan": np.nan, "inf": np.inf, "-inf": -np.inf}
 
 
 @pytest.mark.parametrize(
-    "before", ["", "import nas_data", "import nas_data, gymnasium", "import gymnasium, nas_data.envs"]
+    "before",
+    [
+        "",
+        "import gymnasium, nas_data.envs",
+        pytest.param("import nas_data", marks=pytest.mark.slow),
+        pytest.param("import nas_data, gymnasium", marks=pytest.mark.slow),
+    ],
 )
 def test_a_fresh_process_finds_the_name_whatever_it_imported_before(before):
     code = f"{before}\nimport gymnasium\n"
@@ -31,7 +37,7 @@ def test_a_fresh_process_finds_the_name_whatever_it_imported_before(before):
     assert run.stdout.strip() == "nas/ErgoReacher-v0"
 
 
-@pytest.mark.parametrize("context", ["spawn", "forkserver"])
+@pytest.mark.parametrize("context", ["spawn", pytest.param("forkserver", marks=pytest.mark.slow)])
 def test_worker_processes_make_environments_by_name(context):
     alone = gymnasium.make(NAME, dynamics="backlash")
     action = np.full(4, 0.5, np.float32)

@@ -35,16 +35,25 @@ def test_both_checkers_pass_on_every_registered_environment_without_a_warning(ta
         check_stable_baselines(env)
 
 
+BOTH_ENDS = [(task, dynamics) for task, dynamics in EVERY if dynamics in {"source", "backlash"}]
+
+
+SHORT, LONG = 230, 1030  # more than two episodes of most tasks; one of the longest and the next one's start
+
+
 @pytest.mark.parametrize(
-    ("task", "dynamics"),
+    ("task", "dynamics", "steps"),
     [
-        pytest.param(*pair, marks=pytest.mark.slow if find_task(pair[0]).horizon > 100 and pair[1] != "source" else ())
-        for pair in EVERY
+        *((task, dynamics, SHORT) for task, dynamics in BOTH_ENDS),
+        *(
+            pytest.param(task, dynamics, LONG, marks=pytest.mark.slow)
+            for task, dynamics in BOTH_ENDS
+            if find_task(task).horizon > SHORT
+        ),
     ],
 )
-def test_many_arms_live_through_the_same_episodes_as_one(task, dynamics):
+def test_many_arms_live_through_the_same_episodes_as_one(task, dynamics, steps):
     many, seed = 3, 5
-    steps = 230 if find_task(task).horizon <= 100 else 1030  # more than two episodes, or one and the next one's start
     batch = ArmVecEnv(find_task(task), find_task(task).simulator(dynamics).stepper(many))
     singles = [ArmEnv(task, dynamics) for _ in range(many)]
     batch.seed(seed)

@@ -117,7 +117,7 @@ def test_a_model_has_no_gap_on_its_own_recording():
 )
 def test_the_open_loop_gap_is_the_one_that_evaluate_reports(effects: tuple[str, ...], rows: int, tmp_path: Path):
     """Both start episodes at the same velocity, play and delays settled alike."""
-    whole = recording(("viscous_friction:joint=m2,coefficient=0.1",)).select(range(6))
+    whole = recording(("viscous_friction:joint=m2,coefficient=0.1",)).select(range(3))
     dataset = replace(whole, lengths=np.full(whole.n_frames // rows, rows))
     evidence = EpisodeBatch.of(dataset)
     assert (evidence.initial_velocities != 0).any() == (rows < STEPS)

@@ -121,6 +121,7 @@ def rubbing() -> Search:
     return begun(arm(), VISCOUS, DRY)
 
 
+@pytest.mark.slow
 def test_up_from_the_model_and_down_from_the_plain_fit_meet(rubbing: Search):
     search = afresh(rubbing)
     first = search.current_round
@@ -136,14 +137,11 @@ def test_up_from_the_model_and_down_from_the_plain_fit_meet(rubbing: Search):
         assert sizes == pytest.approx({"viscous_friction": 0.03, "coulomb_friction": 0.03}, rel=0.03)
 
 
-def test_what_one_effect_explains_is_found_before_the_plain_fit_is_refined():
-    search, said = begun(arm(), "backlash:joint=j1,half_width=0.03"), []
-    search.say = said.append
+def test_what_one_effect_explains_is_named_though_the_plain_fit_leaves_more():
+    search = begun(arm(), "backlash:joint=j1,half_width=0.03")
     choice = choose(search)
     assert names(choice.best.effects) == [("backlash", "j1")]
     assert search.count_unexplained(choice.best) == 0 < search.count_unexplained(choice.plain)
-    assert sum(line.startswith("plain fit: joint_offset") for line in said) == 1
-    assert not any("writing the plain fit as effects" in line for line in said)
 
 
 def test_a_search_among_joints_that_stood_still_names_nothing(rubbing: Search):

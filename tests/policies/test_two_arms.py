@@ -11,15 +11,17 @@ from support.xl320_samples import torques, virtual
 
 from nas_data.envs.base import find_task
 from nas_data.errors import PathBlocked
+from nas_data.hardware.arms.base import Reading
 from nas_data.hardware.xl320.arm import Xl320
 from nas_data.hardware.xl320.configuration import Configuration
 from nas_data.hardware.xl320.ergojr import make_ergojr_joints
 from nas_data.hardware.xl320.units import TICK
-from nas_data.policies.rollouts.approach import Approach
 from nas_data.policies.rollouts.arm_setup import CLEARANCE, ArmSetup, make_path_planner
 from nas_data.policies.rollouts.robot_stepper import RobotStepper, RolloutTally
 from nas_data.policies.rollouts.two_arm_planner import TwoArmPlanner, make_two_arm_planner
+from nas_data.recorders.arm_motion import ArmMotion
 from nas_data.recorders.guarded import Setup
+from nas_data.recorders.path_planner import PathPlanner
 from nas_data.recorders.schedule import SteppedClock
 
 JOINTS = make_ergojr_joints()
@@ -128,35 +130,36 @@ def poses_of(stepper: RobotStepper) -> np.ndarray:
 
 
 def test_arms_get_to_their_first_poses_one_after_the_other_without_a_touch(monkeypatch):
-    together, seen, read = make_two_arm_planner(), [], Approach._read
+    together, seen, sense = make_two_arm_planner(), [], ArmMotion.sense
 
-    def reading(approach: Approach) -> tuple[np.ndarray, np.ndarray]:
-        seen.append((found := read(approach))[0])
+    def sensing(motion: ArmMotion, *arguments: object) -> Reading:
+        seen.append((found := sense(motion, *arguments)).positions)
         return found
 
-    monkeypatch.setattr(Approach, "_read", reading)
+    monkeypatch.setattr(ArmMotion, "sense", sensing)
     with virtual() as attacker, virtual() as defender, duel(attacker.port, defender.port) as stepper:
         for pose in (np.concatenate([ZERO, ACROSS]), np.concatenate([ACROSS, ZERO])):
             stepper.reset(at_rest(*np.split(pose, 2)))
             assert np.abs(poses_of(stepper) - pose).max() < FRICTION, "sag is made up for"
     assert together.touches(np.concatenate([ACROSS, ACROSS])), "the attacker must not go first"
-    assert len(seen) > 150
-    assert not any(together.touches(pose) for pose in seen)
+    assert len(seen) > 300
+    assert not any(together.touches(np.concatenate(pose)) for pose in zip(seen[::2], seen[1::2], strict=True))
 
 
 def test_an_arm_in_a_touch_may_leave_it_and_is_sent_back_where_it_does_not(monkeypatch):
-    together, careful = make_two_arm_planner(), RobotStepper._avoid_contact
+    together, touches = make_two_arm_planner(), PathPlanner.touches
     with virtual() as attacker, virtual() as defender, duel(attacker.port, defender.port) as stepper:
         stepper.reset(at_rest(ZERO, 0.6 * ACROSS))
 
         def sent(command: np.ndarray) -> np.ndarray:
             stepper.step(command[None])
-            return stepper._bout.commands[-1]
+            return stepper.take_bouts()[-1].commands[-1]
 
-        monkeypatch.setattr(RobotStepper, "_avoid_contact", lambda _, goal: goal)
-        while not together.touches(poses_of(stepper)):
-            sent(2 * ACROSS)
-        monkeypatch.setattr(RobotStepper, "_avoid_contact", careful)
+        with monkeypatch.context() as patch:
+            patch.setattr(PathPlanner, "enters_contact", lambda *_: False)
+            patch.setattr(PathPlanner, "touches", lambda *_: True)
+            while not touches(together, poses_of(stepper)):
+                sent(2 * ACROSS)
         assert np.abs(sent(ZERO) - ZERO).max() < TICK, "out of the touch, although the arm still moves into it"
         assert np.abs(sent(2 * ACROSS) - 2 * ACROSS).max() > 0.1
         for _ in range(50):

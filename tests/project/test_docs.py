@@ -12,7 +12,11 @@ import yaml
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-PAGES = sorted({ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS.rglob("*.md")})
+PAGES = sorted(
+    path
+    for pattern in ("*.md", "docs/**/*.md", "datasets/*.md", "lerobot_robot_ergojr/*.md")
+    for path in ROOT.glob(pattern)
+)
 LINK = re.compile(r"\]\(([^()\s]+)\)")
 FENCED = re.compile(r"```.*?```", re.DOTALL)
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
@@ -20,11 +24,13 @@ LOADED = re.compile(r'<(?:script|link|img)[^>]+(?:src|href)="?(https?://[^"> ]+)
 MOST_WORDS, MOST_PICTURES, FIGURES = 900, 3, 5
 LONGEST_SENTENCES = 18.0  # [words] of a page on average
 PLAIN = [DOCS / name for name in ("index.md", "install.md", "first_report.md", "transfer.md", "paper.md", "so101.md")]
+PLAIN += [DOCS / name for name in ("search.md", "model_features.md", "results/README.md", "results/ergo_reacher.md")]
 PLAIN += [DOCS / "format.md", DOCS / "comparison.md", ROOT / "README.md", *sorted((DOCS / "concepts").glob("*.md"))]
 
 
 def prose(text: str) -> list[str]:
-    """Return the sentences of a page, without code, formulas, tables, headings and comments."""
+    """Return the sentences of a page, without code, formulas, tables, headings, comments, and what scripts made."""
+    text = re.sub(r"<!-- made by .*?<!-- end -->", "\n\n", text, flags=re.DOTALL)
     text = re.sub(r"```.*?```|\$\$.*?\$\$|<!--.*?-->", "\n\n", text, flags=re.DOTALL)
     text = re.sub(r"!\[[^\]]*\]\([^)]*\)", "", text)
     text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text)
@@ -42,10 +48,11 @@ def words_a_sentence(text: str) -> float:
 
 
 def anchors(path: Path) -> set[str]:
-    """Return the anchors of a page's headings, as mkdocs and GitHub name them alike."""
-    headings = HEADING.findall(FENCED.sub("", path.read_text(encoding="utf-8")))
+    """Return where links into a page may lead: its headings as mkdocs and GitHub name them alike, and its ids."""
+    text = FENCED.sub("", path.read_text(encoding="utf-8"))
+    headings, ids = HEADING.findall(text), set(re.findall(r'id="([^"]+)"', text))
     plain = [re.sub(r"\[([^\]]*)\]\([^)]*\)|[`*]", r"\1", heading).strip().lower() for heading in headings]
-    return {re.sub(r"[\s]+", "-", re.sub(r"[^\w\s-]", "", heading)) for heading in plain}
+    return ids | {re.sub(r"[\s]+", "-", re.sub(r"[^\w\s-]", "", heading)) for heading in plain}
 
 
 def broken(path: Path) -> list[str]:

@@ -73,6 +73,13 @@ def finished() -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def bus() -> Iterator[VirtualBus]:
+    """Return a sound arm that each test leaves without torque, and to which no driver is connected."""
+    with virtual() as bus:
+        yield bus
+
+
 # What is recorded
 
 
@@ -109,17 +116,17 @@ def check_readings(dataset) -> None:
 
 
 def test_the_virtual_arm_moves_as_its_model_does_at_the_servos_speed():
-    assert record(*LOCKSTEP, "--episodes", "1", "--seconds", "2", "--excitation", "steps:share=0.5") == 0
+    assert record(*LOCKSTEP, "--episodes", "1", "--seconds", "1", "--excitation", "steps:share=0.5") == 0
     dataset = read(finished())
     speed = 150 * SPEED_UNIT  # what the moving speed register holds
     effects = [make_effect("speed_limit", joint, {"speed": speed}) for joint in ROBOT.joints]
     simulator = MujocoSimulator(ROBOT, 0.01, effects=effects, threads=1)
-    commands = dataset.commands.reshape(1, 200, 6).astype(float)
-    first = dataset.states.reshape(1, 200, 12)[:, 0].astype(float)
+    commands = dataset.commands.reshape(1, 100, 6).astype(float)
+    first = dataset.states.reshape(1, 100, 12)[:, 0].astype(float)
     first[:, 6:] = 0
     rest = np.zeros((1, 50, 6))  # the pose that the arm held before
     simulated = simulator.rollout(first, np.concatenate([rest, commands], axis=1))[:, 50:, :6]
-    error = simulated - dataset.next_states.reshape(1, 200, 12)[..., :6]
+    error = simulated - dataset.next_states.reshape(1, 100, 12)[..., :6]
     assert np.sqrt(np.square(error).mean()) < 1.5 * TICK
 
 
@@ -295,8 +302,6 @@ def test_a_hot_arm_rests(capfd):
         ((*LOCKSTEP, "--fault", "unplugged:servo=12"), "names servo 12"),
         ((*LOCKSTEP, "--p-gain", "300"), "p_gain is 300"),
         ((*LOCKSTEP, "--excitation", "dance"), "dance"),
-        ((*LOCKSTEP, "--fault", "bent:servo=1,radians=1.9"), "m1 stands at 109°, outside -90 … 90°"),
-        ((*LOCKSTEP, "--fault", "duplicate_id"), "Two servos answer as 3"),
         ((*LOCKSTEP, "--calibration", "absent.json"), "absent.json is no calibration"),
         ((*LOCKSTEP, "--finish"), "Nothing is saved in"),
         ((*LOCKSTEP, "--joints", "m9"), "no joint 'm9'"),
@@ -335,8 +340,8 @@ def test_a_lock_that_a_dead_program_left_holds_nobody_up():
     assert list(UNDER_WAY.parent.iterdir()) == []
 
 
-def test_a_port_is_used_by_one_program_at_a_time(capsys):
-    with virtual() as bus, Xl320Arm(bus.port, JOINTS):
+def test_a_port_is_used_by_one_program_at_a_time(bus, capsys):
+    with Xl320Arm(bus.port, JOINTS):
         assert record("--port", bus.port, "--episodes", "1") == 2
         assert f"{bus.port} is used by another program" in capsys.readouterr().err
     assert not Path("datasets").exists()
@@ -389,7 +394,7 @@ def test_a_killed_recorder_loses_nothing_and_leaves_no_torque():
         assert saved() == kept
 
 
-def test_ctrl_c_makes_the_arm_safe_and_says_what_is_saved(capfd, monkeypatch):
+def test_ctrl_c_makes_the_arm_safe_and_says_what_is_saved(bus, capfd, monkeypatch):
     append = IncrementalWriter.append
 
     def interrupted(*arguments) -> None:
@@ -397,10 +402,9 @@ def test_ctrl_c_makes_the_arm_safe_and_says_what_is_saved(capfd, monkeypatch):
         signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(IncrementalWriter, "append", interrupted)
-    with virtual() as bus:
-        assert record("--port", bus.port, "--episodes", "9") == 130
-        assert "1 of 9 episodes are saved in datasets/rec/recording" in capfd.readouterr().err
-        assert torques(bus.port) == [0] * 6
+    assert record("--port", bus.port, "--episodes", "9") == 130
+    assert "1 of 9 episodes are saved in datasets/rec/recording" in capfd.readouterr().err
+    assert torques(bus.port) == [0] * 6
     assert saved() == 1
 
 
@@ -453,34 +457,30 @@ def test_a_guard_listens_to_promises():
     os.close(reader)
 
 
-def test_an_arm_is_not_moved_without_its_guard():
-    with virtual() as bus:
-        watchdog = Watchdog(Xl320(port=bus.port, joints=JOINTS))
-        watchdog._process.kill()
-        watchdog._process.wait()
-        with pytest.raises(GuardLost, match="guards the arm is gone"):
-            watchdog.extend_deadline(1.0)
-        watchdog.release()
+def test_an_arm_is_not_moved_without_its_guard(bus):
+    watchdog = Watchdog(Xl320(port=bus.port, joints=JOINTS))
+    watchdog._process.kill()
+    watchdog._process.wait()
+    with pytest.raises(GuardLost, match="guards the arm is gone"):
+        watchdog.extend_deadline(1.0)
+    watchdog.release()
 
 
-def test_a_guard_that_is_released_does_nothing():
-    with virtual() as bus:
-        arm = Xl320Arm(bus.port, JOINTS)
+def test_a_guard_that_is_released_does_nothing(bus):
+    with Xl320Arm(bus.port, JOINTS) as arm:
         arm.configure()
         arm.torque_on()
         with Watchdog(Xl320(port=bus.port, joints=JOINTS)):
             pass
         assert [arm.bus.get(identity, "torque_enable") for identity in JOINTS.ids] == [1] * 6
-        arm.close()
 
 
-def test_a_rescue_says_what_it_did(monkeypatch):
+def test_a_rescue_says_what_it_did(bus, monkeypatch):
     monkeypatch.setattr("nas_data.recorders.watchdog.PATIENCE", 0.2)
-    with virtual() as bus:
-        arm = Xl320Arm(bus.port, JOINTS)
-        arm.configure()
-        arm.torque_on()
-        arm.close()
-        assert "the torque of the arm on" in rescue(bus.port, Xl320(port=bus.port, joints=JOINTS).guard_options())
-        assert torques(bus.port) == [0] * 6
+    arm = Xl320Arm(bus.port, JOINTS)
+    arm.configure()
+    arm.torque_on()
+    arm.close()
+    assert "the torque of the arm on" in rescue(bus.port, Xl320(port=bus.port, joints=JOINTS).guard_options())
+    assert torques(bus.port) == [0] * 6
     assert "switch the supply off" in rescue("/dev/nowhere", Xl320(port="/dev/nowhere", joints=JOINTS).guard_options())

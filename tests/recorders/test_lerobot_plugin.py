@@ -17,7 +17,7 @@ from nas_data.dataset.read import read
 from nas_data.dataset.transitions import as_transitions
 from nas_data.errors import NobodyAnswers, OptionError
 from nas_data.hardware.xl320.arm import Xl320Arm
-from nas_data.hardware.xl320.calibration import read_calibration
+from nas_data.hardware.xl320.calibration import default_path, read_calibration, write_calibration
 from nas_data.hardware.xl320.ergojr import make_ergojr_joints
 from nas_data.hardware.xl320.units import TICK
 
@@ -223,3 +223,30 @@ def test_lerobot_record_writes_a_dataset_that_is_taken_as_it_is(installed, tmp_p
     assert read(Path("datasets/imported")).n_frames == complete.n_frames
     assert main(["pair", str(root), "--model", "ergojr"]) == 0
     assert read(Path("datasets/lerobot_rec")).sim_states.shape == complete.states.shape
+
+
+# Calibration
+
+
+def test_a_calibration_is_read_as_lerobot_reads_it(tmp_path):
+    from lerobot.motors.motors_bus import MotorCalibration
+
+    path = tmp_path / "deep" / "arm.json"
+    joints = JOINTS.with_offsets((3, -4, 0, 12, 1, -9))
+    write_calibration(path, joints)
+    content = json.loads(path.read_text())
+    entries = {name: MotorCalibration(**entry) for name, entry in content.items()}
+    assert [entry.homing_offset for entry in entries.values()] == [3, -4, 0, 12, 1, -9]
+    assert [entry.drive_mode for entry in entries.values()] == [0, 1, 1, 0, 1, 1]
+    assert all(0 <= entry.range_min < entry.range_max <= 1023 for entry in entries.values())
+    assert read_calibration(path, JOINTS) == joints
+
+
+def test_the_calibration_lies_where_lerobot_looks_for_it(monkeypatch, tmp_path):
+    from lerobot.utils import constants
+
+    for name in ("HF_LEROBOT_CALIBRATION", "HF_LEROBOT_HOME", "HF_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    assert default_path("ergojr", "mine") == constants.HF_LEROBOT_CALIBRATION / "robots" / "ergojr" / "mine.json"
+    monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path))
+    assert default_path("ergojr", "mine") == tmp_path / "robots" / "ergojr" / "mine.json"
