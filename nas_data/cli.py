@@ -104,11 +104,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return answer(list(sys.argv[1:] if arguments is None else arguments))
     except BrokenPipeError:
-        let_reader_go()
+        handle_broken_pipe()
         return 0
 
 
-def let_reader_go() -> None:
+def handle_broken_pipe() -> None:
     """Drop what is still to be printed: the reader (head, less) has seen enough, and Python would complain at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
@@ -175,5 +175,5 @@ def run(name: str, rest: list[str]) -> int:
     try:
         print(text, flush=True)
     except BrokenPipeError:
-        let_reader_go()
+        handle_broken_pipe()
     return 0 if outcome.ok else 1

@@ -24,7 +24,7 @@ from torch import nn
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ENVIRONMENT, NEXT_ENVIRONMENT
 from nas_data.envs import pusher
-from nas_data.envs.base import InTurn, Task, find_task
+from nas_data.envs.base import ConsecutiveEdits, Task, find_task
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.envs.pusher import GRIPPER, Pusher, compute_puck_positions
 from nas_data.policies.evaluate import score_policy, summarise_spread
@@ -217,7 +217,7 @@ def weigh(density: float) -> None:
             spec.geom(name).density = density
 
     edits = dict(pusher.TASK.edits)
-    edits |= {name: InTurn(edits.get(name), edit) for name in ("source", "paper")}
+    edits |= {name: ConsecutiveEdits(edits.get(name), edit) for name in ("source", "paper")}
     pusher.TASK = replace(pusher.TASK, edits=edits)
 
 

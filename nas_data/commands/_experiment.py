@@ -33,7 +33,7 @@ class ExperimentCommand(Command):
     def run(self) -> CommandResult:
         """Make the experiment, or go on with it."""
         from nas_data.studies.experiments.base import Request, find_experiment
-        from nas_data.studies.experiments.pipeline.run import conduct
+        from nas_data.studies.experiments.pipeline.run import run_experiment
         from nas_data.studies.experiments.pipeline.sizes import FULL, QUICK
 
         known = find_experiment(self.experiment).environments
@@ -48,7 +48,7 @@ class ExperimentCommand(Command):
             whole=QUICK if self.quick else FULL,
             engine=self.engine,
         )
-        made = conduct(self.experiment, request)
+        made = run_experiment(self.experiment, request)
         return CommandResult(made.text, made.data)
 
     def sizes(self) -> "Sizes":

@@ -32,11 +32,11 @@ class ShowsEpisode(TakesModel):
         from nas_data.dataset.dataset import Dataset
         from nas_data.errors import OptionError
         from nas_data.reports.films.motion import follow
-        from nas_data.runs.progress import saying
+        from nas_data.runs.progress import report_elapsed
 
         if self.actuators != "position" and not self.model:
             raise OptionError("--actuators is for a URDF given with --model; without one, leave it out.")
         root = versions.resolve(self.dataset)
         dataset = Dataset.load(root, (self.episode,))
-        with saying("simulating"):
+        with report_elapsed("simulating"):
             return root, follow(dataset, self.episode, [self.actuated(model) for model in self.model], self.engine)

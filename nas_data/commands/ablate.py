@@ -9,7 +9,7 @@ import tyro
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
 from nas_data.errors import OptionError
-from nas_data.runs.progress import say, saying
+from nas_data.runs.progress import report_elapsed, say
 
 if TYPE_CHECKING:
     from nas_data.models.presets import TrainingOptions
@@ -87,7 +87,7 @@ class Ablate(TakesModel):
         check(plan)
         content = plan.material.content()
         trials = plan.trials(content, self.out)
-        with open_sweep(self.out, plan.identity(content)), saying("trials are running", HEARTBEAT):
+        with open_sweep(self.out, plan.identity(content)), report_elapsed("trials are running", HEARTBEAT):
             results = run_sweep(trials, executor, self.workers, self.retry, say)
         cost = inflation.read(self.out)
         found = summary.SweepSummary.of([(trial.config, result) for trial, result in zip(trials, results, strict=True)])

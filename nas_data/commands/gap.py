@@ -7,7 +7,7 @@ import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
-from nas_data.runs.progress import never_silent
+from nas_data.runs.progress import report_heartbeat
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +31,7 @@ class Gap(TakesModel):
         from nas_data.api.gap import identify
         from nas_data.gap.summary import summarise
 
-        with never_silent("reading the recording") as say:
+        with report_heartbeat("reading the recording") as say:
             report = identify(
                 self.dataset, self.model, out=self.out, learn=self.learn, actuators=self.actuators, progress=say
             )

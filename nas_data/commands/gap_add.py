@@ -8,7 +8,7 @@ import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
-from nas_data.runs.progress import never_silent, say
+from nas_data.runs.progress import report_heartbeat, say
 
 if TYPE_CHECKING:
     from nas_data.gap.named import Named
@@ -45,7 +45,7 @@ class GapAdd(TakesModel):
         from nas_data.joint_units import find_display_unit
 
         check_model(self.out, self.model)
-        with never_silent("writing and judging the model"):
+        with report_heartbeat("writing and judging the model"):
             problem = Problem.load(self.dataset, self.actuated(self.model))
             named = Named.read(self.effects)
             final = FinalFit(named.effects, named.retuned, ())

@@ -28,10 +28,10 @@ class GapFind(TakesModel):
         """Find and print."""
         from nas_data.gap.finding.find import find
         from nas_data.gap.problem import Problem
-        from nas_data.runs.progress import never_silent
+        from nas_data.runs.progress import report_heartbeat
         from nas_data.typed_json import make_finite
 
-        with never_silent("comparing model and recording"):
+        with report_heartbeat("comparing model and recording"):
             problem = Problem.load(self.dataset, self.actuated(self.model))
             found = find(problem.dataset, problem.evidence, problem.as_given, problem.train.floor, problem.overlaps)
         text = found.text()

@@ -7,7 +7,7 @@ import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
-from nas_data.runs.progress import never_silent
+from nas_data.runs.progress import report_heartbeat
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +33,7 @@ class GapName(TakesModel):
         from nas_data.gap.write_model import write_effects
         from nas_data.typed_json import to_json
 
-        with never_silent("reading the recording") as say:
+        with report_heartbeat("reading the recording") as say:
             problem = Problem.load(self.dataset, self.actuated(self.model))
             naming = name(problem.train, problem.held, say)
         nominal = problem.train.nominal

@@ -9,7 +9,7 @@ import tyro
 
 from nas_data.commands.base import Command, CommandResult
 from nas_data.count_of import count_of
-from nas_data.runs.progress import PAUSE, Calm, say
+from nas_data.runs.progress import PAUSE, RateLimited, say
 
 if TYPE_CHECKING:
     from nas_data.dataset.audits.base import AuditFinding
@@ -72,7 +72,7 @@ class ImportLogs(Command):
             rate=self.rate,
             uniform=self.uniform,
             cut=self.cut,
-            progress=Calm(lambda what: say(f"reading {what}"), first=PAUSE),
+            progress=RateLimited(lambda what: say(f"reading {what}"), first=PAUSE),
         )
         imported = read_logs(request)
         result, name = imported.result, self.name or imported.name

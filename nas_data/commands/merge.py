@@ -9,7 +9,7 @@ import tyro
 from nas_data.commands.base import Command, CommandResult
 from nas_data.count_of import count_of
 from nas_data.errors import OptionError
-from nas_data.runs.progress import saying
+from nas_data.runs.progress import report_elapsed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +42,7 @@ class Merge(Command):
             refuse_existing(self.out)
         if self.name is not None:
             check_name(self.name)
-        with saying(f"merging {count_of(len(self.datasets), 'dataset')}"):
+        with report_elapsed(f"merging {count_of(len(self.datasets), 'dataset')}"):
             originals = [Original.read(path) for path in self.datasets]
             merged = merge(originals)
             folder = save(

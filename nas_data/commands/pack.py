@@ -7,7 +7,7 @@ import tyro
 
 from nas_data.commands.base import Command, CommandResult
 from nas_data.count_of import count_of
-from nas_data.runs.progress import saying
+from nas_data.runs.progress import report_elapsed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +28,7 @@ class Pack(Command):
         """Check and pack."""
         from nas_data.dataset.pack import pack
 
-        with saying(f"packing {self.dataset}"):
+        with report_elapsed(f"packing {self.dataset}"):
             file, manifest = pack(self.dataset, self.out)
         size = file.stat().st_size
         return CommandResult(

@@ -10,7 +10,7 @@ import tyro
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
 from nas_data.count_of import count_of
-from nas_data.runs.progress import PAUSE, Calm
+from nas_data.runs.progress import PAUSE, RateLimited
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +92,7 @@ class RecordSim(TakesModel):
             blind=self.blind,
             engine=self.engine,
             actuators=self.actuators,
-            progress=Calm(first=PAUSE),
+            progress=RateLimited(first=PAUSE),
         )
         provenance, _ = describe(dataset)
         name = self.name or f"{dataset.robot_type}_{dataset.tasks[0]}"

@@ -33,8 +33,8 @@ class Report(Command):
         """Read the folders and write the page."""
         if not self.runs:
             raise OptionError("Name at least one run's folder; see: nas report --help.")
+        from nas_data.atomic_file import write_atomic
         from nas_data.reports.page import HtmlPage, PageSection, is_ours
-        from nas_data.whole_file import write_whole
 
         if self.out.is_dir() or (self.out.exists() and not is_ours(self.out)):
             raise OutputExists(f"{self.out} exists and is no page of ours; choose another --out.")
@@ -43,7 +43,7 @@ class Report(Command):
         if len(pages) > 1:
             parts = [section for part in pages for section in (PageSection(part.title, []), *part.sections)]
             page = HtmlPage("Reports of nas_data", parts)
-        write_whole(self.out, page.to_html().encode())
+        write_atomic(self.out, page.to_html().encode())
         told = ", ".join(
             f"{number} {KINDS[kind] if number == 1 else kind}" for kind, number in counts.items() if number
         )

@@ -7,7 +7,7 @@ import tyro
 
 from nas_data.commands.base import Command, CommandResult
 from nas_data.count_of import count_of
-from nas_data.runs.progress import saying
+from nas_data.runs.progress import report_elapsed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +28,7 @@ class Unpack(Command):
         from nas_data.dataset.read import read
         from nas_data.dataset.unpack import unpack
 
-        with saying(f"checking {self.file}"):
+        with report_elapsed(f"checking {self.file}"):
             root = unpack(self.file, self.folder)
             dataset = read(root)
         return CommandResult(

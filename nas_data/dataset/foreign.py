@@ -23,7 +23,7 @@ ALSO_CALLED = {"so_follower": "so101_follower"}  # LeRobot's name of a SO-100 an
 LEROBOT = "_lerobot"  # how the names of maps of LeRobot's datasets end
 
 
-def take_in(root: Path, recorded: Dataset) -> tuple[Dataset, dict[str, str], tuple[str, ...]]:
+def audit_external(root: Path, recorded: Dataset) -> tuple[Dataset, dict[str, str], tuple[str, ...]]:
     """Convert a dataset to transitions; audit it if another tool recorded it.
 
     Args:

@@ -32,7 +32,7 @@ from nas_data.dataset.features import (
     make_state_feature,
     make_time_feature,
 )
-from nas_data.dataset.foreign import format_warnings, take_in
+from nas_data.dataset.foreign import audit_external, format_warnings
 from nas_data.dataset.joints import REMEDY
 from nas_data.dataset.layout import PROVENANCE
 from nas_data.dataset.provenance import Parent, Provenance, format_current_time, read_package_versions, read_provenance
@@ -90,7 +90,7 @@ def load(path: Path, episodes: Sequence[int] = ()) -> Dataset:
     """Read a dataset; see `Dataset.load`."""
     root = versions.resolve(path)
     recorded = read(root)
-    dataset, derived, noticed = take_in(root, recorded.select(episodes) if episodes else recorded)
+    dataset, derived, noticed = audit_external(root, recorded.select(episodes) if episodes else recorded)
     warn(noticed)
     before = read_provenance(root)
     kept = read_attachments(root, before)

@@ -16,8 +16,8 @@ from nas_data.dataset.derive_provenance import Derived, make_unknown_provenance,
 from nas_data.dataset.descriptions import describe_left_out
 from nas_data.dataset.episode_checks import EpisodeEntry, find_untrusted, read_episode_table
 from nas_data.dataset.features import Feature
-from nas_data.dataset.filmed import FilmedSource
 from nas_data.dataset.info import DatasetInfo
+from nas_data.dataset.interrupted_video import FilmedSource
 from nas_data.dataset.provenance import Parent, Provenance, format_current_time, read_package_versions, read_provenance
 from nas_data.dataset.read import Rows, find_episode_tasks, frame_tasks, read, read_tasks
 from nas_data.dataset.read_damaged import Salvage, read_damaged_files

@@ -9,7 +9,7 @@ import numpy as np
 from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION, EFFORT, POSITION, STATE, VELOCITY, Feature
-from nas_data.dataset.foreign import take_in
+from nas_data.dataset.foreign import audit_external
 from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
@@ -140,7 +140,7 @@ def _derive_transitions(
 ) -> tuple[Dataset | None, dict[str, str], str | None, tuple[str, ...]]:
     """Return the dataset as transitions, derived features, the reason if it is unusable, and warnings."""
     try:
-        usable, derived, noticed = take_in(root, dataset)
+        usable, derived, noticed = audit_external(root, dataset)
     except (DatasetInvalid, JointMismatch) as error:
         return None, {}, str(error), ()
     return usable, derived, None, noticed

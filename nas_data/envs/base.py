@@ -38,7 +38,7 @@ class Start:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class StepResult:
     """Outcome of one control step of B simulations.
 
     Attributes:
@@ -103,7 +103,7 @@ class Task:
         """
         return goals
 
-    def judge(self, stepper: Stepper, goals: np.ndarray, actions: np.ndarray) -> Verdict:
+    def judge(self, stepper: Stepper, goals: np.ndarray, actions: np.ndarray) -> StepResult:
         """Judge the states that actions (B, a) led to, given goals (B, k)."""
         raise NotImplementedError(f"{type(self).__name__} has no judge()")
 
@@ -147,12 +147,12 @@ class Task:
 
         robot = find_robot(self.robot)
         if dynamics in self.edits:
-            robot = replace(robot, edit=InTurn(robot.edit, self.edits[dynamics]))
+            robot = replace(robot, edit=ConsecutiveEdits(robot.edit, self.edits[dynamics]))
         return robot, effects
 
 
 @dataclass(frozen=True)
-class InTurn:
+class ConsecutiveEdits:
     """A model edit that applies two edits in order.
 
     Attributes:

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 from gymnasium import spaces
 
-from nas_data.envs.base import Start, Task, Verdict
+from nas_data.envs.base import Start, StepResult, Task
 from nas_data.envs.edits.authors_ergojr import authors_source, authors_target
 from nas_data.envs.edits.bigger_gap import widen_gap
 from nas_data.simulators.base import Stepper
@@ -70,11 +70,11 @@ class ErgoReacher(Task):
         observations[:, 9] = 2.0 * offset[:, 2] / ABOVE - 1.0
         return np.clip(observations, self.observation_space.low, self.observation_space.high)
 
-    def judge(self, stepper: Stepper, goals: np.ndarray, actions: np.ndarray) -> Verdict:
+    def judge(self, stepper: Stepper, goals: np.ndarray, actions: np.ndarray) -> StepResult:
         """Reward a small distance between tip and goal."""
         distance = np.linalg.norm(stepper.site_positions(TIP) - goals, axis=1)
         reached = distance < REACHED
-        return Verdict(reward=reached - distance, terminated=reached, success=reached)
+        return StepResult(reward=reached - distance, terminated=reached, success=reached)
 
     def hold(self, stepper: Stepper) -> np.ndarray:
         """Return the present angles as actions."""

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from gymnasium import spaces
 
-from nas_data.envs.base import Start, Task, Verdict
+from nas_data.envs.base import Start, StepResult, Task
 from nas_data.envs.edits.authors_ergojr import authors_arm, authors_source
 from nas_data.envs.edits.bigger_gap import widen_gap
 from nas_data.robots import ergo_shield as scene
@@ -108,10 +108,10 @@ class ErgoShield(Task):
             stepper.command_objects(select_defender_poses(goals[moved]), moved)
         return goals
 
-    def judge(self, stepper: Stepper, goals: np.ndarray, actions: np.ndarray) -> Verdict:
+    def judge(self, stepper: Stepper, goals: np.ndarray, actions: np.ndarray) -> StepResult:
         """Reward a hit in this step; an episode with a hit is a success."""
         over = np.zeros(len(goals), dtype=bool)
-        return Verdict(reward=goals[:, HIT].copy(), terminated=over, success=goals[:, HITS] > 0)
+        return StepResult(reward=goals[:, HIT].copy(), terminated=over, success=goals[:, HITS] > 0)
 
     def hold(self, stepper: Stepper) -> np.ndarray:
         """Return the present angles as actions."""

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from gymnasium import spaces
 
-from nas_data.envs.base import Start, Task, Verdict
+from nas_data.envs.base import Start, StepResult, Task
 from nas_data.envs.edits.bigger_gap import widen_gap
 from nas_data.envs.edits.pulled_joint import pull_joint
 from nas_data.robots.pusher import JOINTS, RATE
@@ -58,13 +58,13 @@ class Pusher(Task):
         observations = np.concatenate(parts, axis=1).astype(np.float32)
         return np.clip(observations, self.observation_space.low, self.observation_space.high)
 
-    def judge(self, stepper: Stepper, goals: np.ndarray, actions: np.ndarray) -> Verdict:
+    def judge(self, stepper: Stepper, goals: np.ndarray, actions: np.ndarray) -> StepResult:
         """Reward a puck close to the goal, a gripper close to the puck, and small torques."""
         puck = compute_puck_positions(stepper)
         missing = np.linalg.norm(puck - with_height(goals, GOAL_HEIGHT), axis=1)
         away = np.linalg.norm(puck - stepper.site_positions(GRIPPER), axis=1)
         effort = np.square(self.command(actions)).sum(axis=1)
-        return Verdict(
+        return StepResult(
             reward=-missing - EFFORT_COST * effort - REACH_COST * away,
             terminated=np.zeros(len(goals), dtype=bool),
             success=np.linalg.norm(puck[:, :2] - goals, axis=1) < REACHED,

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 from gymnasium import spaces
 
-from nas_data.envs.base import InTurn, Start, Task, Verdict
+from nas_data.envs.base import ConsecutiveEdits, Start, StepResult, Task
 from nas_data.envs.edits.bigger_gap import widen_gap
 from nas_data.envs.edits.pulled_joint import pull_joint
 from nas_data.robots.striker import JOINTS, RATE
@@ -71,12 +71,12 @@ class Striker(Task):
         goals[struck, WHERE] = tip[struck]
         return goals
 
-    def judge(self, stepper: Stepper, goals: np.ndarray, actions: np.ndarray) -> Verdict:
+    def judge(self, stepper: Stepper, goals: np.ndarray, actions: np.ndarray) -> StepResult:
         """Reward a ball close to the goal, a tip close to the ball before the strike, and small torques."""
         aim = np.where(goals[:, STRUCK, None] > 0, goals[:, WHERE], stepper.site_positions(TIP))
         away = np.linalg.norm(compute_ball_positions(stepper) - aim, axis=1)
         effort = np.square(self.command(actions)).sum(axis=1)
-        return Verdict(
+        return StepResult(
             reward=-GOAL_COST * goals[:, LEAST] - EFFORT_COST * effort - REACH_COST * away,
             terminated=np.zeros(len(goals), dtype=bool),
             success=goals[:, LEAST] < REACHED,
@@ -110,7 +110,7 @@ TASK = Striker(
     action_space=spaces.Box(-1.0, 1.0, shape=(len(JOINTS),), dtype=np.float32),
     dynamics={"source": (), "backlash": BACKLASH, "paper": (), "bigger-gap": BACKLASH},
     edits={
-        "paper": InTurn(
+        "paper": ConsecutiveEdits(
             partial(pull_joint, joint="pan", width=2.0),
             partial(pull_joint, joint="wrist_flex", width=2.0),
         ),

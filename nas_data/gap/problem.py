@@ -5,7 +5,7 @@ from pathlib import Path
 
 from nas_data.count_of import count_of
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.foreign import take_in
+from nas_data.dataset.foreign import audit_external
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import resolve
 from nas_data.errors import DatasetInvalid
@@ -57,7 +57,7 @@ class Problem:
             NasError: one of them cannot be used; the message names it.
         """
         root = resolve(Path(dataset))
-        recorded, _, noticed = take_in(root, read(root))
+        recorded, _, noticed = audit_external(root, read(root))
         warn(noticed)
         return cls.of(recorded, model, root)
 

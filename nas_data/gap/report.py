@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from nas_data.atomic_file import write_atomic
 from nas_data.errors import OptionError, UnknownName
 from nas_data.gap.output_folder import ASSETS, FILES, FOLDERS, check_free, clear_report
 from nas_data.gap.report_parts import (
@@ -29,7 +30,6 @@ from nas_data.gap.report_parts import (
 )
 from nas_data.typed_json import FormError, LacksKeys, as_object, from_json
 from nas_data.visible_files import list_visible_files
-from nas_data.whole_file import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -157,14 +157,14 @@ class GapReport:
         folder.mkdir(parents=True, exist_ok=True)
         clear_report(folder)
         for name, content in self.files.items():
-            write_whole(folder / name, content)
+            write_atomic(folder / name, content)
         self.write(folder)
         return folder
 
     def write(self, folder: Path) -> None:
         """Write `report.json` alone."""
         text = json.dumps(self.to_json(), indent=1, allow_nan=False)
-        write_whole(folder / REPORT, text.encode())
+        write_atomic(folder / REPORT, text.encode())
 
     @property
     def series(self) -> "Series":

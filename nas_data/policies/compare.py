@@ -16,7 +16,7 @@ from nas_data.policies.learner import PolicyTraining
 from nas_data.policies.policy import load_policy, read_progress
 from nas_data.policies.ppo import check_folder, train
 from nas_data.policies.result import DivergedEpisodes, EvaluationTime, PolicyResult, read_result
-from nas_data.policies.share import Share, Stake, compute_share, compute_stake, format_share_heading
+from nas_data.policies.share import ReturnRange, Share, compute_return_range, compute_share, format_share_heading
 from nas_data.policies.tables import align_columns
 from nas_data.runs.code_hash import hash_code
 from nas_data.runs.parallel import run_jobs
@@ -224,11 +224,11 @@ class Comparison:
             return None
         return compute_share(self.values(method), self.values(SOURCE_METHOD), self.values(EXPERT_METHOD))
 
-    def at_stake(self) -> Stake | None:
+    def at_stake(self) -> ReturnRange | None:
         """Return the difference of expert and source returns; None if one of them is not compared."""
         if not {SOURCE_METHOD, EXPERT_METHOD} <= set(self.study.methods):
             return None
-        return compute_stake(self.values(SOURCE_METHOD), self.values(EXPERT_METHOD))
+        return compute_return_range(self.values(SOURCE_METHOD), self.values(EXPERT_METHOD))
 
     def describe(self) -> dict[str, object]:
         """Return the comparison for JSON."""

@@ -15,12 +15,12 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecNormalize
 
+from nas_data.atomic_file import write_atomic
 from nas_data.errors import CheckpointError
 from nas_data.policies.policy import CONFIG, MEAN, PROGRESS, VARIANCE, WEIGHTS
-from nas_data.whole_file import write_whole
 
 STATE = "training.safetensors"
-PARTIAL = ".partial"  # suffix of a file that `write_whole` is writing
+PARTIAL = ".partial"  # suffix of a file that `write_atomic` is writing
 STATISTICS = ("observation", "return")
 WEIGHT_PREFIX, OPTIMISER_PREFIX = "policy.", "optimiser."
 
@@ -87,14 +87,14 @@ def save_policy(
     tensors = {name: tensor.contiguous() for name, tensor in ppo.policy.state_dict().items()}
     observation, _ = read_running_statistics(normalised)
     tensors |= {MEAN: torch.from_numpy(observation.mean.copy()), VARIANCE: torch.from_numpy(observation.var.copy())}
-    write_whole(folder / WEIGHTS, save(tensors))
+    write_atomic(folder / WEIGHTS, save(tensors))
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(field.name for field in fields(Row))
     table.writerows(astuple(row) for row in progress)
-    write_whole(folder / PROGRESS, text.getvalue().encode())
+    write_atomic(folder / PROGRESS, text.getvalue().encode())
     written = {**config, "frames": ppo.num_timesteps}
-    write_whole(folder / CONFIG, (json.dumps(written, indent=2) + "\n").encode())
+    write_atomic(folder / CONFIG, (json.dumps(written, indent=2) + "\n").encode())
 
 
 def save_state(ppo: PPO, normalised: VecNormalize, progress: list[Row], folder: Path) -> None:
@@ -107,7 +107,7 @@ def save_state(ppo: PPO, normalised: VecNormalize, progress: list[Row], folder: 
             value = np.array(getattr(running, part), dtype=np.float64)
             tensors[f"statistics.{name}.{part}"] = torch.from_numpy(value)
     tensors["progress"] = torch.tensor([astuple(row) for row in progress], dtype=torch.float64)
-    write_whole(folder / STATE, save(tensors))
+    write_atomic(folder / STATE, save(tensors))
 
 
 def resume(ppo: PPO, normalised: VecNormalize, progress: list[Row], folder: Path) -> None:

@@ -7,7 +7,7 @@ from nas_data.errors import OutputExists
 from nas_data.policies import folder as files
 from nas_data.policies.learner import Learner, PolicyTraining
 from nas_data.policies.policy import CONFIG, read_config
-from nas_data.runs.progress import Calm, Report
+from nas_data.runs.progress import RateLimited, Report
 from nas_data.simulators.base import Stepper
 
 
@@ -37,7 +37,7 @@ def train(training: PolicyTraining, folder: Path, report: Report | None = None, 
     arms = training.hyperparameters.arms
     learner = Learner(training, stepper or training.plant.stepper(arms))
     files.resume(learner.ppo, learner.normalised, learner.progress, folder)
-    report = report or Calm()
+    report = report or RateLimited()
     config = identity | training.circumstances()
     while learner.done < training.rollouts:
         row = learner.advance()

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from nas_data.atomic_file import write_atomic
 from nas_data.typed_json import as_object, from_json
-from nas_data.whole_file import write_whole
 
 RESULT = "result.json"
 
@@ -74,7 +74,7 @@ class PolicyResult:
 
     def write(self, folder: Path) -> None:
         """Write the result into the folder of the policy."""
-        write_whole(folder / RESULT, (json.dumps(as_object(self), indent=1) + "\n").encode())
+        write_atomic(folder / RESULT, (json.dumps(as_object(self), indent=1) + "\n").encode())
 
 
 def read_result(folder: Path) -> PolicyResult | None:

@@ -71,7 +71,7 @@ def format_share_heading(seeds: int) -> str:
 
 
 @dataclass(frozen=True)
-class Stake:
+class ReturnRange:
     """Difference of the expert's and the source's returns, by medians over seeds.
 
     Attributes:
@@ -104,7 +104,7 @@ class Stake:
         return {"value": self.value, **interval, "shown": self.shown}
 
 
-def compute_stake(source: np.ndarray, expert: np.ndarray) -> Stake:
+def compute_return_range(source: np.ndarray, expert: np.ndarray) -> ReturnRange:
     """Return the difference of the expert's and the source's returns.
 
     Args:
@@ -115,4 +115,4 @@ def compute_stake(source: np.ndarray, expert: np.ndarray) -> Stake:
     low, high = np.quantile(resample_medians(expert, rng) - resample_medians(source, rng), ENDS)
     least = NOTHING * max(1.0, float(abs(np.median(source))), float(abs(np.median(expert))))
     value = float(np.median(expert) - np.median(source))
-    return Stake(value, float(low), float(high), len(source), bool(low > least))
+    return ReturnRange(value, float(low), float(high), len(source), bool(low > least))

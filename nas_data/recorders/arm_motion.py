@@ -21,7 +21,7 @@ LOOK = 10  # control steps between two checks of voltage and temperature; servos
 
 
 @dataclass
-class Vitals:
+class ServoHealth:
     """Last known supply voltage and temperature of each servo.
 
     Attributes:
@@ -123,7 +123,7 @@ class ArmMotion:
         self._sent = arm.read().positions
         self._steps = 0
         first = [arm.check_servo(index) for index in range(len(arm.names))]
-        self.vitals = Vitals(
+        self.vitals = ServoHealth(
             np.array([health.voltage for health in first]), np.array([float(health.temperature) for health in first])
         )
 

@@ -13,7 +13,7 @@ PACKAGE = ROOT.name
 # They store, refuse, show or tell.
 APART = (
     "cli", "commands", "dataset", "errors", "gap.showing", "log", "mjcf.engine_warnings", "registry", "reports",
-    "runs.environment_info", "runs.progress", "whole_file",
+    "runs.environment_info", "runs.progress", "atomic_file",
 )  # fmt: skip
 # Each of their functions imports what one option needs. Whoever asks for a hash names the options that are taken.
 CHOOSING = ("envs.loop.dynamics_spec", "simulators.engines")

@@ -34,7 +34,7 @@ def format_duration(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
-class Calm:
+class RateLimited:
     """A report that passes on at most one line every few seconds."""
 
     def __init__(self, report: Report = say, pause: float = PAUSE, first: float = 0.0) -> None:
@@ -100,7 +100,7 @@ def repeating(speak: Callable[[], None], pause: float) -> Iterator[None]:
 
 
 @contextmanager
-def saying(what: str, pause: float = PAUSE) -> Iterator[None]:
+def report_elapsed(what: str, pause: float = PAUSE) -> Iterator[None]:
     """Show on stderr what is being done and for how long, every two seconds or after another pause [s]."""
     began = time.monotonic()
     with repeating(lambda: say(f"{what}, {time.monotonic() - began:.0f} s"), pause):
@@ -108,7 +108,7 @@ def saying(what: str, pause: float = PAUSE) -> Iterator[None]:
 
 
 @contextmanager
-def never_silent(first: str, report: Report = say, silence: float = SILENCE) -> Iterator[Report]:
+def report_heartbeat(first: str, report: Report = say, silence: float = SILENCE) -> Iterator[Report]:
     """Yield a report of lines that adds, after each silence [s], how long ago its last line was.
 
     Args:

@@ -9,11 +9,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Generic, Protocol, TypeVar
 
+from nas_data.atomic_file import write_atomic
 from nas_data.dataset.provenance import format_current_time
 from nas_data.errors import OutputExists
 from nas_data.runs.environment_info import find_commit
 from nas_data.runs.progress import Report
-from nas_data.whole_file import write_whole
 
 PLAN = "plan.json"
 STAGES = "stages"
@@ -187,7 +187,7 @@ def claim(work: Work[Plan]) -> None:
     elif work.folder.exists() and (not work.folder.is_dir() or any(work.folder.iterdir())):
         raise OutputExists(f"{work.folder} exists and is no {work.name}; choose another --out.")
     else:
-        write_whole(path, (json.dumps(plan, indent=1) + "\n").encode())
+        write_atomic(path, (json.dumps(plan, indent=1) + "\n").encode())
 
 
 def check_code(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> None:
@@ -222,7 +222,7 @@ def do(stage: Stage[Plan], work: Work[Plan]) -> Done:
         data=found.data,
         summary=tuple(found.summary),
     )
-    write_whole(work.folder / STAGES / f"{stage.name}.json", (json.dumps(asdict(done), indent=1) + "\n").encode())
+    write_atomic(work.folder / STAGES / f"{stage.name}.json", (json.dumps(asdict(done), indent=1) + "\n").encode())
     return done
 
 

@@ -11,7 +11,7 @@ from nas_data.benchmarks.blind.draw import draw_case
 from nas_data.benchmarks.blind.grade import grade_names
 from nas_data.benchmarks.blind.plants.base import find_plant
 from nas_data.benchmarks.blind.plants.constants import Constants
-from nas_data.benchmarks.blind.sampling import Hider
+from nas_data.benchmarks.blind.sampling import EffectSampler
 from nas_data.benchmarks.blind.settings.base import find_setting
 from nas_data.benchmarks.blind.settings.far import EXCESS, draw_gain_excess
 from nas_data.benchmarks.blind.truth import Base, Truth
@@ -69,7 +69,7 @@ def test_sizes_are_drawn_for_the_servos_that_the_arm_has():
     identity = named(0, "one")
     arm, conditions = FAR.draw(identity)
     true = draw_design(identity.stream("arm"), conditions.period)
-    drawn = Hider(identity, FAR, arm, conditions).constants
+    drawn = EffectSampler(identity, FAR, arm, conditions).constants
     np.testing.assert_allclose(drawn.gain, Constants.of(true.model()).gain, rtol=1e-4)
 
 

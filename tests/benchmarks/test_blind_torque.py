@@ -20,6 +20,7 @@ from support.blind_samples import (
 from nas_data.benchmarks.blind.arms import NominalArm
 from nas_data.benchmarks.blind.benchmark import BlindPlan, run
 from nas_data.benchmarks.blind.case import Identity, find_equivalents
+from nas_data.benchmarks.blind.command_sequence import CommandSequence
 from nas_data.benchmarks.blind.draw import draw_case
 from nas_data.benchmarks.blind.following import find_reach
 from nas_data.benchmarks.blind.grade import ConfidenceGrade, grade_names
@@ -27,7 +28,6 @@ from nas_data.benchmarks.blind.plants.base import find_plant, make_chain
 from nas_data.benchmarks.blind.plants.body import PlantBody, stack_arms
 from nas_data.benchmarks.blind.plants.constants import Constants
 from nas_data.benchmarks.blind.settings.base import find_setting
-from nas_data.benchmarks.blind.tape import Tape
 from nas_data.benchmarks.blind.truth import Base, Hidden, Truth
 from nas_data.benchmarks.blind.write import DATASET, FRESH, write_case
 from nas_data.dataset.read import read
@@ -45,7 +45,7 @@ def _short(monkeypatch):
     shorten(monkeypatch)
 
 
-def play(plant: str, arm: NominalArm, truths: list[Truth], tape: Tape, period: float) -> np.ndarray:
+def play(plant: str, arm: NominalArm, truths: list[Truth], tape: CommandSequence, period: float) -> np.ndarray:
     """Return states (len(truths), E, T + 1, 2n) of a tape."""
     return find_plant(plant)(arm, truths, tape.commands, tape.poses, period, 0.0, tape.start_speeds)
 

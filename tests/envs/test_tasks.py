@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from nas_data import registry
 from nas_data.effects.base import add_effects
 from nas_data.envs import ergo_shield, pusher, striker
-from nas_data.envs.base import InTurn, find_task
+from nas_data.envs.base import ConsecutiveEdits, find_task
 from nas_data.envs.loop.arm_env import ArmEnv
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
@@ -160,7 +160,7 @@ def test_with_heavier_links_it_hangs_where_their_later_code_lets_it(monkeypatch)
         for name in ("link1", "link2", "link3"):
             spec.geom(name).density = 1000
 
-    monkeypatch.setitem(pusher.TASK.edits, "paper", InTurn(weigh, pusher.TASK.edits["paper"]))
+    monkeypatch.setitem(pusher.TASK.edits, "paper", ConsecutiveEdits(weigh, pusher.TASK.edits["paper"]))
     states = random_states("pusher", "paper", 100, 100).reshape(-1, 6)
     assert states[:, :3].mean(axis=0) == pytest.approx([-0.54, 1.55, -0.12], abs=0.12)
     assert states[:, 3:].mean(axis=0) == pytest.approx([-0.11, 0.41, -0.01], abs=0.06)

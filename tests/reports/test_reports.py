@@ -17,6 +17,7 @@ from support.policy_samples import scored
 from support.recording_samples import paired_pendulum
 from support.training_samples import TINY, train
 
+from nas_data.atomic_file import write_atomic
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import CheckpointError
 from nas_data.joint_units import HINGE, SLIDE
@@ -42,7 +43,6 @@ from nas_data.reports.run_sections import (
 )
 from nas_data.reports.runs import LearningCurve, PolicyRun, find_runs
 from nas_data.reports.style import OTHERS, STROKES, choose_strokes, to_png
-from nas_data.whole_file import write_whole
 
 SMALL = learner.Hyperparameters(arms=4, rollout=256, minibatches=2, epochs=1)
 # Machado, Oliveira and Fernandes (2009), severity 1, on linear RGB.
@@ -269,7 +269,7 @@ def test_text_appears_as_it_is_given_whatever_it_holds(text):
 def test_a_file_appears_whole_and_replaces_the_one_before(tmp_path):
     path = tmp_path / "a" / "page.html"
     for content in (b"one", b"two"):
-        write_whole(path, content)
+        write_atomic(path, content)
         assert path.read_bytes() == content
     assert [file.name for file in path.parent.iterdir()] == ["page.html"]
 

@@ -4,12 +4,12 @@ import io
 import time
 
 from nas_data.runs import progress
-from nas_data.runs.progress import Counting, never_silent, say
+from nas_data.runs.progress import Counting, report_heartbeat, say
 
 
 def test_a_long_step_says_how_long_ago_it_began():
     lines: list[str] = []
-    with never_silent("reading", lines.append, silence=0.2) as say:
+    with report_heartbeat("reading", lines.append, silence=0.2) as say:
         say("fitting: 12 numbers of 3 joints")
         time.sleep(0.9)
         say("done")
@@ -21,7 +21,7 @@ def test_a_long_step_says_how_long_ago_it_began():
 
 def test_before_the_first_message_the_first_step_is_named():
     lines: list[str] = []
-    with never_silent("reading the recording", lines.append, silence=0.2):
+    with report_heartbeat("reading the recording", lines.append, silence=0.2):
         time.sleep(0.5)
     assert lines and all(line.endswith("s since: reading the recording") for line in lines)
 

@@ -37,7 +37,7 @@ from nas_data.studies.ablation.inflation import (
     order_jobs,
 )
 from nas_data.studies.ablation.inflation import read as read_inflation
-from nas_data.studies.ablation.kinds.base import Lesson, find_kind
+from nas_data.studies.ablation.kinds.base import TrainingInput, find_kind
 from nas_data.studies.ablation.material import SweepData
 from nas_data.studies.ablation.results import TrialResult
 from nas_data.studies.ablation.subsets import divide, draw
@@ -119,7 +119,7 @@ def test_normalisation_and_weights_know_nothing_of_what_is_not_in_the_subset(pla
     for name, data in (("as recorded", dataset), ("spoilt", spoilt)):
         (folder := tmp_path / name).mkdir()
         subset = select_frames(data, draw(data, divide(data.n_episodes, 0.2, 0)[0], amount, 0))
-        lesson = Lesson(subset, place.paired, SweepData(place.paired).source(), None, TINY, folder)
+        lesson = TrainingInput(subset, place.paired, SweepData(place.paired).source(), None, TINY, folder)
         learned.append(find_kind(kind).learn(lesson).model)
     assert same(*learned)
     own = split_validation(select_frames(dataset, runs), TINY.validation, 0).train

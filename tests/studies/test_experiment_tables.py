@@ -16,7 +16,7 @@ from nas_data.errors import JobsFailed, OptionError, UnknownName
 from nas_data.policies.compare import Comparison, Study
 from nas_data.policies.intervals import compute_median_interval
 from nas_data.policies.result import DivergedEpisodes
-from nas_data.policies.share import compute_stake
+from nas_data.policies.share import compute_return_range
 from nas_data.recorders.recipe import CommandKind, Recipe
 from nas_data.reports.prediction_figures import draw_error_growth, quartiles
 from nas_data.studies.experiments import figure6
@@ -26,7 +26,7 @@ from nas_data.studies.experiments.pipeline.authors import RETURNS, list_remarks
 from nas_data.studies.experiments.pipeline.compare_methods import make_hyperparameters
 from nas_data.studies.experiments.pipeline.dynamics import describe_dynamics
 from nas_data.studies.experiments.pipeline.methods import METHODS
-from nas_data.studies.experiments.pipeline.run import conduct, format_stem
+from nas_data.studies.experiments.pipeline.run import format_stem, run_experiment
 from nas_data.studies.experiments.pipeline.sizes import FULL, PPO
 from nas_data.studies.experiments.pipeline.table_notes import (
     describe_intervals,
@@ -61,9 +61,9 @@ def test_each_environment_is_written_when_it_is_done_and_a_failure_leaves_the_ot
 
     monkeypatch.setattr(run, "make", failing)
     with pytest.raises(OptionError, match="no reacher today"):
-        conduct("figure5", request)
+        run_experiment("figure5", request)
     monkeypatch.setattr(run, "make", original)
-    found = conduct("figure5", request)
+    found = run_experiment("figure5", request)
     assert set(found.data["environments"]) == {"Pusher", "ErgoReacher"}
     written = {path.name for path in tmp_path.glob("*.json")}
     end = "backlash-tiny-methods-expert-source-seeds-0.json"
@@ -107,23 +107,23 @@ def test_methods_that_need_no_material_are_done_before_any_is_made(tmp_path, mon
     monkeypatch.setattr(stages, "record_and_pair", lambda *_: note("recorded"))
     said: list[str] = []
     with pytest.raises(Stop):
-        conduct("figure5", tiny(tmp_path, "Pusher", said=said, methods=("nas", *ENDS), seeds=(0,)))
+        run_experiment("figure5", tiny(tmp_path, "Pusher", said=said, methods=("nas", *ENDS), seeds=(0,)))
     assert len(list(tmp_path.rglob("result.json"))) == len(ENDS)
     assert any("2 of 2" in line for line in said)
 
 
 def test_without_a_method_that_needs_material_none_is_made(tmp_path):
-    found = conduct("figure5", tiny(tmp_path, "Pusher", methods=ENDS, seeds=(0,)))
+    found = run_experiment("figure5", tiny(tmp_path, "Pusher", methods=ENDS, seeds=(0,)))
     assert not (tmp_path / "tiny/Pusher-backlash/material/datasets").exists()
     assert found.data["environments"]["Pusher"]["dataset"] is None
 
 
 def test_a_method_without_the_ends_is_told_what_they_would_tell(tmp_path):
-    alone = conduct("figure5", tiny(tmp_path, "Pusher", methods=("randomised",), seeds=(0,)))
+    alone = run_experiment("figure5", tiny(tmp_path, "Pusher", methods=("randomised",), seeds=(0,)))
     assert "both expert and source among --methods" in alone.text
-    beside = conduct("figure5", tiny(tmp_path, "Pusher", methods=("randomised", *ENDS), seeds=(0,)))
+    beside = run_experiment("figure5", tiny(tmp_path, "Pusher", methods=("randomised", *ENDS), seeds=(0,)))
     assert "both expert and source among --methods" not in beside.text
-    ends = conduct("figure5", tiny(tmp_path, "Pusher", methods=ENDS[:1], seeds=(0,)))
+    ends = run_experiment("figure5", tiny(tmp_path, "Pusher", methods=ENDS[:1], seeds=(0,)))
     assert "both expert and source among --methods" not in ends.text
 
 
@@ -147,7 +147,7 @@ def test_workers_of_figure6_simulate_on_one_thread(tmp_path, monkeypatch):
     monkeypatch.setattr(figure6, "run_study", lambda *_: None)
     for workers in (1, 2):
         with pytest.raises(Seen):
-            conduct("figure6", tiny(tmp_path, "Pusher", seeds=(0,), workers=workers))
+            run_experiment("figure6", tiny(tmp_path, "Pusher", seeds=(0,), workers=workers))
 
 
 # --- what is recorded
@@ -200,7 +200,7 @@ def test_both_kinds_of_ppo_lie_side_by_side_and_say_which_they_are(tmp_path, mon
     monkeypatch.setitem(PPO, "authors", {"arms": 1, "rollout": 64, "minibatches": 4, "epochs": 1})
     for ppo in PPO:
         request = tiny(tmp_path, "Pusher", methods=("source",), seeds=(0,))
-        conduct("figure5", type(request)(**{**vars(request), "sizes": request.sizes.with_ppo(ppo)}))
+        run_experiment("figure5", type(request)(**{**vars(request), "sizes": request.sizes.with_ppo(ppo)}))
     stem = "figure5-Pusher-backlash-tiny-methods-source-seeds-0"
     found = {ppo: json.loads((tmp_path / f"{stem}{end}.json").read_text()) for ppo, end in named_ends()}
     for ppo, arms in (("ours", 16), ("authors", 1)):
@@ -238,7 +238,7 @@ def test_what_a_dynamics_adds_is_said_from_its_own_definition(environment, dynam
 
 
 def test_the_table_says_what_it_rests_on(tmp_path):
-    found = conduct("figure5", tiny(tmp_path, "Pusher", methods=(*ENDS, "nas"), seeds=(0, 1)))
+    found = run_experiment("figure5", tiny(tmp_path, "Pusher", methods=(*ENDS, "nas"), seeds=(0, 1)))
     (page,) = (path.read_text() for path in tmp_path.glob("*.md"))
     for sentence in (
         "coulomb_friction (torque 1 N·m)",
@@ -293,11 +293,11 @@ def test_episodes_that_left_all_bounds_are_told_by_method():
 
 
 def test_where_source_and_expert_overlap_nothing_is_at_stake():
-    apart = compute_stake(np.array([-122.0, -120.0, -130.0]), np.array([-67.0, -70.0, -66.0]))
+    apart = compute_return_range(np.array([-122.0, -120.0, -130.0]), np.array([-67.0, -70.0, -66.0]))
     assert apart.shown and apart.sentence() is None
-    alike = compute_stake(np.array([-70.0, -66.0, -68.0]), np.array([-67.0, -69.0, -66.5]))
+    alike = compute_return_range(np.array([-70.0, -66.0, -68.0]), np.array([-67.0, -69.0, -66.5]))
     assert not alike.shown and "nothing is at stake" in alike.sentence()
-    assert not compute_stake(np.array([1.0]), np.array([1.0])).shown
+    assert not compute_return_range(np.array([1.0]), np.array([1.0])).shown
     found = comparison(source=[-70.0, -66.0, -68.0], expert=[-67.0, -69.0, -66.5])
     assert found.describe()["at_stake"]["shown"] is False
     assert alike.sentence() in found.table()
@@ -337,4 +337,4 @@ def test_the_failures_of_several_environments_are_one_sentence(tmp_path, monkeyp
 
     monkeypatch.setattr(run, "make", failing)
     with pytest.raises(JobsFailed, match=r"2 of 2 jobs failed.*no Pusher today no ErgoReacher today"):
-        conduct("figure5", tiny(tmp_path, "Pusher", "ErgoReacher"))
+        run_experiment("figure5", tiny(tmp_path, "Pusher", "ErgoReacher"))

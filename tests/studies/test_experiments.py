@@ -25,7 +25,7 @@ from nas_data.studies.experiments.figure6 import find_sufficient_count
 from nas_data.studies.experiments.pipeline import authors, sample_size, stages
 from nas_data.studies.experiments.pipeline.artifacts import Artifacts, MaterialPlan
 from nas_data.studies.experiments.pipeline.methods import METHODS, list_needed_stages
-from nas_data.studies.experiments.pipeline.run import conduct, format_stem
+from nas_data.studies.experiments.pipeline.run import format_stem, run_experiment
 from nas_data.studies.experiments.pipeline.sizes import FULL, QUICK, RECORDINGS
 from nas_data.studies.experiments.table1 import PREDICTORS, compute_differences, compute_statistics
 
@@ -45,9 +45,9 @@ def json_of(folder, stem):
 def folder(tmp_path_factory):
     """A folder in which tiny experiments on Pusher were made."""
     place = tmp_path_factory.mktemp("experiments")
-    conduct("figure5", tiny(place, "Pusher", methods=CHEAP))
-    conduct("figure4", tiny(place, "Pusher"))
-    conduct("table1", tiny(place, "Pusher"))
+    run_experiment("figure5", tiny(place, "Pusher", methods=CHEAP))
+    run_experiment("figure4", tiny(place, "Pusher"))
+    run_experiment("table1", tiny(place, "Pusher"))
     return place
 
 
@@ -130,7 +130,7 @@ def test_the_recordings_are_whole_and_hold_the_objects(folder):
 def test_a_second_call_trains_nothing_and_finds_the_same(folder):
     before = times(folder / "tiny")
     said: list[str] = []
-    found = conduct("figure5", tiny(folder, "Pusher", said=said, methods=CHEAP))
+    found = run_experiment("figure5", tiny(folder, "Pusher", said=said, methods=CHEAP))
     assert times(folder / "tiny") == before
     assert sum("done before" in line for line in said) == 2
     assert "all environments together" not in said
@@ -140,7 +140,7 @@ def test_a_second_call_trains_nothing_and_finds_the_same(folder):
 def test_more_seeds_leave_those_done_before_alone(folder):
     place = folder / "tiny/Pusher-backlash"
     before = times(place)
-    conduct("figure5", tiny(folder, "Pusher", methods=("expert", "source"), seeds=(0, 1, 2)))
+    run_experiment("figure5", tiny(folder, "Pusher", methods=("expert", "source"), seeds=(0, 1, 2)))
     assert {path: time for path, time in times(place).items() if path in before} == before
     assert (place / "policies/256/source/seed2/result.json").is_file()
 
@@ -157,7 +157,7 @@ def test_the_experiments_share_recordings_and_models(folder):
 @pytest.mark.slow
 def test_the_target_may_be_computed_by_another_engine(tmp_path):
     request = tiny(tmp_path, "ErgoReacher", dynamics="source", engine="bullet", methods=("source", "nas"), seeds=(0,))
-    found = conduct("figure5", request)
+    found = run_experiment("figure5", request)
     assert format_stem("figure5", request).startswith("figure5-ErgoReacher-source-bullet-")
     assert "'source' in PyBullet" in found.text
     assert "The target is computed by PyBullet, the source by MuJoCo." in found.text
@@ -175,7 +175,7 @@ def test_the_target_may_be_computed_by_another_engine(tmp_path):
 )
 def test_named_methods_learn_in_what_was_named(tmp_path, monkeypatch, effects):
     monkeypatch.setattr(stages.workflow, "investigate", named_by(*effects))
-    found = conduct("figure5", tiny(tmp_path, "Pusher", methods=("source", "named", "named_nas"), seeds=(0,)))
+    found = run_experiment("figure5", tiny(tmp_path, "Pusher", methods=("source", "named", "named_nas"), seeds=(0,)))
     place = tmp_path / "tiny/Pusher-backlash/policies/256"
     results = {run["method"]: place / run["result"] for run in found.data["environments"]["Pusher"]["runs"]}
     plants = {
@@ -197,7 +197,7 @@ def test_where_the_names_explain_all_phi_is_left_out_and_no_policy_trained_twice
     named = named_by(effect, episodes=(TINY.named, 2), verdict=verdict)
     monkeypatch.setattr(stages.workflow, "investigate", named)
     request = tiny(tmp_path, "Pusher", methods=("named", "nas", "named_nas"), seeds=(0,))
-    found = conduct("figure5", request)
+    found = run_experiment("figure5", request)
     place = tmp_path / "tiny/Pusher-backlash"
     assert "has nothing to learn there" in json.loads((place / "material/stages/phi_named.json").read_text())["said"][0]
     assert not list((place / "material/phi_named").iterdir())
@@ -207,17 +207,17 @@ def test_where_the_names_explain_all_phi_is_left_out_and_no_policy_trained_twice
     assert "named_nas learns where named does" in found.text
     assert "named_nas is the source with the names" in found.text
     before = times(tmp_path)
-    assert conduct("figure5", request).data["environments"]["Pusher"]["methods"] == methods
+    assert run_experiment("figure5", request).data["environments"]["Pusher"]["methods"] == methods
     assert {path: when for path, when in times(tmp_path).items() if "/tiny/" in str(path)} == {
         path: when for path, when in before.items() if "/tiny/" in str(path)
     }
-    sweep = conduct("figure6", tiny(tmp_path, "Pusher", seeds=(0,), counts=(2,), methods=("named", "named_nas")))
+    sweep = run_experiment("figure6", tiny(tmp_path, "Pusher", seeds=(0,), counts=(2,), methods=("named", "named_nas")))
     assert sweep.data["methods"]["named_nas"]["returns"] == sweep.data["methods"]["named"]["returns"]
 
 
 @pytest.mark.slow
 def test_nas_gap_itself_names_in_the_pipeline(tmp_path):
-    conduct("figure5", tiny(tmp_path, "Pusher", methods=("named", "named_nas"), seeds=(0,)))
+    run_experiment("figure5", tiny(tmp_path, "Pusher", methods=("named", "named_nas"), seeds=(0,)))
     note = json.loads((tmp_path / "tiny/Pusher-backlash/material/stages/names.json").read_text())
     assert note["data"]["verdict"]
 
@@ -270,13 +270,13 @@ def test_differences_are_in_units_of_right_angles_and_what_diverged_counts_as_in
 @pytest.mark.slow
 def test_figure6_sweeps_nested_subsets_and_says_how_many_are_enough(tmp_path):
     request = tiny(tmp_path, "Pusher", seeds=(0,))
-    found = conduct("figure6", request)
+    found = run_experiment("figure6", request)
     assert np.shape(found.data["methods"]["nas"]["returns"]) == (len(TINY.counts), 1)
     assert "source + φ: smallest number of trajectories" in found.text
     assert {(run["count"], run["seed"]) for run in found.data["runs"]} == {(count, 0) for count in TINY.counts}
     assert all(run["learning_seconds"] > 0 and run["cpu_seconds"] > 0 for run in found.data["runs"])
     before = times(tmp_path / "tiny")
-    again = conduct("figure6", request)
+    again = run_experiment("figure6", request)
     assert times(tmp_path / "tiny") == before
     assert again.data["methods"] == found.data["methods"]
     assert again.data["runs"] == found.data["runs"]
@@ -284,14 +284,14 @@ def test_figure6_sweeps_nested_subsets_and_says_how_many_are_enough(tmp_path):
 
 @pytest.mark.slow
 def test_counts_added_to_figure6_are_subsets_of_the_same_recording(tmp_path):
-    few = conduct("figure6", tiny(tmp_path, "Pusher", seeds=(0,), counts=(2,)))
+    few = run_experiment("figure6", tiny(tmp_path, "Pusher", seeds=(0,), counts=(2,)))
     learned = tmp_path / "tiny/Pusher-backlash" / f"counts{max(TINY.counts)}/sweep/2/seed0"
     before = times(learned)
-    more = conduct("figure6", tiny(tmp_path, "Pusher", seeds=(0,), counts=(2, 3)))
+    more = run_experiment("figure6", tiny(tmp_path, "Pusher", seeds=(0,), counts=(2, 3)))
     assert more.data["dataset"] == few.data["dataset"]
     assert times(learned) == before
     assert more.data["methods"]["nas"]["returns"][0] == few.data["methods"]["nas"]["returns"][0]
-    beyond = conduct("figure6", tiny(tmp_path, "Pusher", seeds=(0,), counts=(max(TINY.counts) + 1,)))
+    beyond = run_experiment("figure6", tiny(tmp_path, "Pusher", seeds=(0,), counts=(max(TINY.counts) + 1,)))
     assert beyond.data["dataset"] != few.data["dataset"]  # more than the whole experiment has needs a larger one
 
 
@@ -307,7 +307,7 @@ def test_figure6_names_from_each_subset_and_learns_on_the_names(tmp_path, monkey
     monkeypatch.setattr(sample_size.workflow, "investigate", investigate)
     monkeypatch.setattr(figure6, "do_count", lambda job: jobs.append(job) or sample_size.do_count(job))
     request = tiny(tmp_path, "Pusher", seeds=(0,), methods=("named_nas", "forward", "named", "nas"))
-    found = conduct("figure6", request)
+    found = run_experiment("figure6", request)
     assert asked == list(TINY.counts)  # once a count, for both methods
     methods = found.data["methods"]
     assert list(methods) == ["named_nas", "forward", "named", "nas"]
@@ -326,10 +326,10 @@ def test_figure6_names_from_each_subset_and_learns_on_the_names(tmp_path, monkey
         assert bool(plant["simulator"]["effects"]) == names
         assert (plant["model"] or {}).get("kind") == kind
     before = times(tmp_path / "tiny")
-    assert conduct("figure6", request).data["methods"] == methods
+    assert run_experiment("figure6", request).data["methods"] == methods
     assert times(tmp_path / "tiny") == before
     (sweep / "names.json").write_text("{}")  # as if other code had named
-    assert conduct("figure6", replace(request, methods=("named",))).data["methods"]["named"] == methods["named"]
+    assert run_experiment("figure6", replace(request, methods=("named",))).data["methods"]["named"] == methods["named"]
     assert asked == [*TINY.counts, 2]
     (sweep / "names.json").write_text("{}")
     sample_size.name_subset(replace(jobs[0], threads=1))  # as beside another worker
@@ -339,7 +339,7 @@ def test_figure6_names_from_each_subset_and_learns_on_the_names(tmp_path, monkey
 def test_figure6_trains_phi_for_few_trajectories_beside_that_for_many(tmp_path):
     presets, methods = {**TINY.presets, "few": replace(TINY.delta, hidden=4)}, ("nas_few", "nas", "nas_symmetric")
     request = tiny(tmp_path, "Pusher", seeds=(1,), counts=(2,), presets=presets, methods=methods)
-    found = conduct("figure6", request)
+    found = run_experiment("figure6", request)
     sweep = tmp_path / "tiny/Pusher-backlash" / f"counts{max(TINY.counts)}/sweep/2/seed1"
     names = ("phi_few", "phi", "phi_symmetric")
     options = {name: json.loads((sweep / f"{name}.json").read_text())["options"] for name in names}
@@ -352,13 +352,15 @@ def test_figure6_trains_phi_for_few_trajectories_beside_that_for_many(tmp_path):
     assert "smallest number" not in found.text and found.data["methods"]["nas_few"]["enough"] is None
     assert (tmp_path / "figure6-Pusher-backlash-tiny-methods-nas-nas_few-nas_symmetric-seeds-1-counts-2.json").is_file()
     with pytest.raises(UnknownName, match="forward, named, named_nas, nas, nas_few, nas_symmetric"):
-        conduct("figure6", replace(request, methods=("expert",)))
+        run_experiment("figure6", replace(request, methods=("expert",)))
 
 
 @pytest.mark.slow
 def test_figure6_where_nothing_is_named_has_the_source(tmp_path, monkeypatch):
     monkeypatch.setattr(sample_size.workflow, "investigate", named_by(episodes=TINY.counts))
-    found = conduct("figure6", tiny(tmp_path, "Pusher", seeds=(0,), counts=(2,), methods=("named", "named_nas", "nas")))
+    found = run_experiment(
+        "figure6", tiny(tmp_path, "Pusher", seeds=(0,), counts=(2,), methods=("named", "named_nas", "nas"))
+    )
     methods = found.data["methods"]
     assert methods["named"]["returns"][0] == found.data["ends"]["methods"]["source"]["returns"]
     assert methods["named_nas"]["returns"] == methods["nas"]["returns"]
@@ -366,7 +368,7 @@ def test_figure6_where_nothing_is_named_has_the_source(tmp_path, monkeypatch):
 
 def test_figure6_refuses_methods_that_learn_from_no_recording(tmp_path):
     with pytest.raises(UnknownName, match=r"expert.*forward, named, named_nas, nas"):
-        conduct("figure6", tiny(tmp_path, "Pusher", methods=("nas", "expert")))
+        run_experiment("figure6", tiny(tmp_path, "Pusher", methods=("nas", "expert")))
 
 
 @pytest.mark.parametrize(
@@ -379,7 +381,7 @@ def test_enough_is_within_five_per_cent_of_the_best(medians, enough):
 
 def test_figure8_counts_hits_and_draws_a_response(tmp_path):
     request = tiny(tmp_path, "ErgoShield", seeds=(0,), methods=("source", "nas"))
-    shield = conduct("figure8", request).data["environments"]["ErgoShield"]
+    shield = run_experiment("figure8", request).data["environments"]["ErgoShield"]
     assert set(shield["methods"]) == {"source", "nas"}
     assert shield["authors"]["nas"]["values"] == [20.17, 11.95]
     assert np.shape(shield["response"]["positions"]["source + φ"]) == (300, 6)
@@ -388,7 +390,7 @@ def test_figure8_counts_hits_and_draws_a_response(tmp_path):
 
 @pytest.mark.slow
 def test_figure8_compares_all_methods_and_says_which_else_there_are(tmp_path):
-    found = conduct("figure8", tiny(tmp_path, "ErgoShield", seeds=(0,)))
+    found = run_experiment("figure8", tiny(tmp_path, "ErgoShield", seeds=(0,)))
     shield = found.data["environments"]["ErgoShield"]
     assert set(shield["methods"]) == {"expert", "source", "forward", "nas", "randomised"}
     assert "--methods asks for it" in found.text
@@ -439,27 +441,27 @@ def test_an_experiment_goes_on_where_it_was_cut(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(stages, "run_training", cut)
         with pytest.raises(Cut):
-            conduct("figure4", tiny(tmp_path, "Pusher"))
+            run_experiment("figure4", tiny(tmp_path, "Pusher"))
     place = tmp_path / "tiny/Pusher-backlash/material"
     before = times(place / "datasets")
-    conduct("figure4", tiny(tmp_path, "Pusher"))
+    run_experiment("figure4", tiny(tmp_path, "Pusher"))
     assert times(place / "datasets") == before
 
 
 def test_material_of_other_sizes_is_left_alone(folder):
     before = times(folder / "tiny")
     with pytest.raises(OutputExists, match="differs in heldout"):
-        conduct("figure4", tiny(folder, "Pusher", heldout=5))
+        run_experiment("figure4", tiny(folder, "Pusher", heldout=5))
     assert times(folder / "tiny") == before
 
 
 @pytest.mark.slow
 def test_what_one_model_lost_is_made_again_and_the_other_kept(folder, tmp_path):
-    conduct("figure4", tiny(tmp_path, "ErgoReacher"))
+    run_experiment("figure4", tiny(tmp_path, "ErgoReacher"))
     place = tmp_path / "tiny/ErgoReacher-backlash/material"
     before = times(place / "psi")
     (place / "stages/phi.json").unlink()
-    conduct("figure4", tiny(tmp_path, "ErgoReacher"))
+    run_experiment("figure4", tiny(tmp_path, "ErgoReacher"))
     assert times(place / "psi") == before
     assert (place / "stages/phi.json").is_file()
 
@@ -512,11 +514,11 @@ def test_what_is_wrong_is_said_before_anything_is_written(tmp_path, options, sai
 
 def test_unknown_experiments_and_methods_list_the_choices(tmp_path):
     with pytest.raises(UnknownName, match="figure4, figure5"):
-        conduct("figure9", tiny(tmp_path, "Pusher"))
+        run_experiment("figure9", tiny(tmp_path, "Pusher"))
     with pytest.raises(OptionError, match="at least 2 trajectories"):
-        conduct("figure6", tiny(tmp_path, "Pusher", counts=(1, 4)))
+        run_experiment("figure6", tiny(tmp_path, "Pusher", counts=(1, 4)))
     with pytest.raises(OptionError, match="one environment"):
-        conduct("figure6", tiny(tmp_path, "Pusher", "ErgoReacher"))
+        run_experiment("figure6", tiny(tmp_path, "Pusher", "ErgoReacher"))
 
 
 def test_methods_take_only_the_material_that_they_need():

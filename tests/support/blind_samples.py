@@ -12,6 +12,7 @@ import pytest
 from nas_data.benchmarks.blind.answer import SealedAnswer
 from nas_data.benchmarks.blind.arms import NominalArm, build_ergojr, draw_random_arm
 from nas_data.benchmarks.blind.case import Case, Identity
+from nas_data.benchmarks.blind.command_sequence import CommandSequence
 from nas_data.benchmarks.blind.conditions import Conditions
 from nas_data.benchmarks.blind.draw import draw_case, make_scripts
 from nas_data.benchmarks.blind.plants.base import find_plant
@@ -19,7 +20,6 @@ from nas_data.benchmarks.blind.plants.constants import Constants
 from nas_data.benchmarks.blind.plants.mujoco_plant import multiply
 from nas_data.benchmarks.blind.settings import any as any_setting
 from nas_data.benchmarks.blind.settings import torque, xl320
-from nas_data.benchmarks.blind.tape import Tape
 from nas_data.benchmarks.blind.truth import Base, Truth
 from nas_data.effects.base import add_effects, make_effect
 from nas_data.robots.base import read_spec
@@ -55,7 +55,7 @@ def drawn(number: int, episodes: int = 1) -> tuple[NominalArm, Conditions, np.nd
 
 
 @cache
-def followed(number: int) -> tuple[NominalArm, Conditions, Tape]:
+def followed(number: int) -> tuple[NominalArm, Conditions, CommandSequence]:
     """Return a machine of the setting `torque`, its conditions, and what its nominal self did."""
     identity = Identity("none", "numpy", number, 5, setting="torque")
     arm, conditions = torque.SETTING.draw(identity)

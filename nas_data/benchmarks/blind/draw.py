@@ -4,13 +4,13 @@ import numpy as np
 
 from nas_data.benchmarks.blind.arms import NominalArm
 from nas_data.benchmarks.blind.case import DEFAULT, Case, Episodes, Identity
+from nas_data.benchmarks.blind.command_sequence import CommandSequence, Script
 from nas_data.benchmarks.blind.conditions import Conditions, Sensor
 from nas_data.benchmarks.blind.following import FollowingSession, find_reach
 from nas_data.benchmarks.blind.plants.constants import Constants
-from nas_data.benchmarks.blind.sampling import Hider
+from nas_data.benchmarks.blind.sampling import EffectSampler
 from nas_data.benchmarks.blind.settings.base import Episodes as EpisodesOf
 from nas_data.benchmarks.blind.settings.base import find_setting
-from nas_data.benchmarks.blind.tape import Script, Tape
 
 
 def draw_case(family: str, plant: str, number: int, seed: int, faint: bool = False, setting: str = DEFAULT) -> Case:
@@ -34,7 +34,7 @@ def draw_case(family: str, plant: str, number: int, seed: int, faint: bool = Fal
     sort = find_setting(setting)
     arm, conditions = sort.draw(identity)
     handed, fresh = make_scripts(arm, conditions, sort.episodes, identity.stream("commands"))
-    hider = Hider(identity, sort, arm, conditions)
+    hider = EffectSampler(identity, sort, arm, conditions)
     truth, tape, marks = hider.hide(handed)
     later = fresh(plant, truth)
     streams = identity.stream("noise"), identity.stream("speed noise")
@@ -59,12 +59,12 @@ def make_scripts(
         references, _ = episodes(conditions, sum(counts), find_reach(constants.sliding), rng)
         session = FollowingSession(arm, conditions, references)
         return session.part(slice(0, counts[0])), session.part(slice(counts[0], None))
-    handed, fresh = (Tape(*episodes(conditions, count, constants.control, rng)) for count in counts)
+    handed, fresh = (CommandSequence(*episodes(conditions, count, constants.control, rng)) for count in counts)
     return lambda plant, truth: handed, lambda plant, truth: fresh
 
 
 def simulate_measurements(
-    tape: Tape, states: np.ndarray, sensor: Sensor, streams: tuple[np.random.Generator, np.random.Generator]
+    tape: CommandSequence, states: np.ndarray, sensor: Sensor, streams: tuple[np.random.Generator, np.random.Generator]
 ) -> Episodes:
     """Return episodes as they were recorded.
 

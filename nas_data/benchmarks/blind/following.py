@@ -3,13 +3,13 @@
 import numpy as np
 
 from nas_data.benchmarks.blind.arms import NominalArm
+from nas_data.benchmarks.blind.command_sequence import CommandSequence, Script
 from nas_data.benchmarks.blind.conditions import Conditions
 from nas_data.benchmarks.blind.excitation import as_stored
 from nas_data.benchmarks.blind.motions import FARTHEST, draw_sines
 from nas_data.benchmarks.blind.plants.base import Play, find_plant, make_chain
 from nas_data.benchmarks.blind.plants.body import PlantBody, stack_arms
 from nas_data.benchmarks.blind.plants.constants import Constants
-from nas_data.benchmarks.blind.tape import Script, Tape
 from nas_data.benchmarks.blind.truth import Base, Truth
 
 BANDWIDTH = 2 * np.pi * 3.0  # [rad/s] of the error's decay: stiff enough to stay in range, too soft to hide friction
@@ -85,23 +85,25 @@ class FollowingSession:
         self.arm = arm
         self.conditions = conditions
         self.references = references
-        self._known: tuple[str, Truth, Tape] | None = None
+        self._known: tuple[str, Truth, CommandSequence] | None = None
 
     def part(self, episodes: slice) -> Script:
         """Return the script of some of the K pieces episodes; all are played at once, for that takes no longer."""
         return lambda plant, truth: self._make_tape(plant, truth)[episodes]
 
-    def _make_tape(self, plant: str, truth: Truth) -> Tape:
+    def _make_tape(self, plant: str, truth: Truth) -> CommandSequence:
         if self._known is None or self._known[0] != plant or self._known[1] is not truth:
             self._known = plant, truth, follow(find_plant(plant), self.arm, truth, self.references, self.conditions)
         return self._known[2]
 
 
-def follow(play: Play, arm: NominalArm, truth: Truth, references: np.ndarray, conditions: Conditions) -> Tape:
+def follow(
+    play: Play, arm: NominalArm, truth: Truth, references: np.ndarray, conditions: Conditions
+) -> CommandSequence:
     """Let an arm follow long references (K, pieces T, n) [rad] and cut what happens into K pieces episodes."""
     follower, length = Follower(arm, references, conditions.period), conditions.steps
     at, speeds = references[:, 0], follower.speeds[:, 0]
     states = play(arm, [truth], references, at, conditions.period, 0.0, speeds, follower)[0]
     n, starts = references.shape[2], states[:, :-1:length]
     begins = starts.reshape(-1, 2 * n)
-    return Tape(follower.commands.reshape(len(begins), length, n), begins[:, :n], begins[:, n:])
+    return CommandSequence(follower.commands.reshape(len(begins), length, n), begins[:, :n], begins[:, n:])

@@ -10,11 +10,11 @@ import numpy as np
 from nas_data.benchmarks.blind.arms import NominalArm
 from nas_data.benchmarks.blind.case import EVERY, FAMILIES, Identity
 from nas_data.benchmarks.blind.catalogue import EVERYWHERE
+from nas_data.benchmarks.blind.command_sequence import CommandSequence, Script
 from nas_data.benchmarks.blind.conditions import Conditions
 from nas_data.benchmarks.blind.plants.base import find_plant
 from nas_data.benchmarks.blind.plants.constants import Constants
 from nas_data.benchmarks.blind.settings.base import CaseSetting
-from nas_data.benchmarks.blind.tape import Script, Tape
 from nas_data.benchmarks.blind.truth import Base, Hidden, Truth
 from nas_data.errors import OptionError, SimulationDiverged
 
@@ -28,7 +28,7 @@ Group = tuple[Hidden, ...]  # one effect, in one place or in every joint
 
 
 @dataclass(frozen=True)
-class Marks:
+class EffectSizes:
     """Size of each hidden effect in the positions, from simulations with and without it.
 
     Attributes:
@@ -42,7 +42,7 @@ class Marks:
     states: np.ndarray
 
 
-class Hider:
+class EffectSampler:
     """Hides effects in one case; remembers where its stream of randomness stands."""
 
     def __init__(self, identity: Identity, setting: CaseSetting, arm: NominalArm, conditions: Conditions) -> None:
@@ -69,7 +69,7 @@ class Hider:
         self.rng = identity.stream("effects")
         self.least = FAINTEST_MARK if identity.faint else setting.least
 
-    def hide(self, script: Script) -> tuple[Truth, Tape, Marks]:
+    def hide(self, script: Script) -> tuple[Truth, CommandSequence, EffectSizes]:
         """Draw what hides until each of it can be seen on the case's own plant.
 
         Args:
@@ -96,7 +96,7 @@ class Hider:
                 tries[row] = tries[row] + 1 if same else 1
         raise SimulationDiverged(f"{self.identity.name} hides nothing that can be seen; use another number.")
 
-    def show(self, plant: str, truths: Sequence[Truth], tape: Tape) -> np.ndarray:
+    def show(self, plant: str, truths: Sequence[Truth], tape: CommandSequence) -> np.ndarray:
         """Return states (len(truths), E, T + 1, 2n) of a tape on a plant."""
         period, settle = self.conditions.period, self.conditions.settle
         return find_plant(plant)(self.arm, truths, tape.commands, tape.poses, period, settle, tape.start_speeds)
@@ -106,7 +106,7 @@ class Hider:
         base = Base.draw(len(self.arm.joints), self.identity.stream("base"))
         return replace(base, stiffness=(1.0,) * len(self.arm.joints)) if self.conditions.pieces else base
 
-    def _seen(self, truth: Truth, script: Script) -> tuple[Tape, Marks, set[int]]:
+    def _seen(self, truth: Truth, script: Script) -> tuple[CommandSequence, EffectSizes, set[int]]:
         """Return the marks, and which do not fit; a slow plant is asked only once the fast one sees them all."""
         screened = self.identity.plant != self.screen and bool(truth.hidden)
         for plant in (self.screen, self.identity.plant) if screened else (self.identity.plant,):
@@ -178,13 +178,13 @@ def number_groups(groups: Sequence[Group], first: int) -> list[set[int]]:
     return [set(range(begin, end)) for begin, end in pairwise(ends)]
 
 
-def measure_marks(show: Show, truth: Truth, joints: Sequence[str], floor: float) -> Marks:
+def measure_marks(show: Show, truth: Truth, joints: Sequence[str], floor: float) -> EffectSizes:
     """Simulate with all hidden effects, and without each of them; the floor is in radians."""
     played = show([truth, *(truth.without(index) for index in range(len(truth.hidden)))])
     positions = played[..., : len(joints)]
     changes = [np.sqrt(np.square(positions[0] - without).mean(axis=(0, 1))) / floor for without in positions[1:]]
     seen = [find_mark(change, joints, hidden.joint) for change, hidden in zip(changes, truth.hidden, strict=True)]
-    return Marks(tuple(value for value, _ in seen), tuple(joint for _, joint in seen), played[0])
+    return EffectSizes(tuple(value for value, _ in seen), tuple(joint for _, joint in seen), played[0])
 
 
 def find_mark(change: np.ndarray, joints: Sequence[str], joint: str | None) -> tuple[float, str]:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import gymnasium
 import numpy as np
 
-from nas_data.envs.base import Task, Verdict
+from nas_data.envs.base import StepResult, Task
 from nas_data.errors import JointMismatch, OptionError, SimulationDiverged
 from nas_data.simulators.base import RandomizedStepper, Stepper
 
@@ -73,7 +73,7 @@ class TaskBatch:
         """Return the observations (B, o), float32."""
         return self.task.observe(self.stepper, self.goals)
 
-    def step(self, actions: np.ndarray) -> tuple[Verdict, np.ndarray]:
+    def step(self, actions: np.ndarray) -> tuple[StepResult, np.ndarray]:
         """Act for one control period.
 
         Args:
@@ -109,7 +109,7 @@ class TaskBatch:
             row, place = (int(index) for index in wrong[0])
             raise OptionError(f"Number {place} of the action is {actions[row, place]}; finite numbers are needed.")
 
-    def _terminate_lost_rows(self, verdict: Verdict) -> Verdict:
+    def _terminate_lost_rows(self, verdict: StepResult) -> StepResult:
         """Return a verdict in which the rows that left all bounds have ended badly."""
         if not np.isfinite(self.least):
             raise SimulationDiverged(
@@ -117,7 +117,7 @@ class TaskBatch:
                 "its model or checkpoint is not stable for these commands."
             )
         due = self.task.horizon - self.elapsed + 1  # control steps, this one included
-        return Verdict(
+        return StepResult(
             reward=np.where(self.lost, due * min(self.least, 0.0), verdict.reward),
             terminated=verdict.terminated | self.lost,
             success=verdict.success & ~self.lost,

@@ -3,12 +3,12 @@
 import re
 from pathlib import Path
 
+from nas_data.atomic_file import write_atomic
 from nas_data.gap.report import REPORT, GapReport
 from nas_data.gap.showing.figures import draw_all_joints, draw_joint, find_joints_above
 from nas_data.gap.showing.page import build_page
 from nas_data.gap.showing.series import Series
 from nas_data.reports.style import to_png
-from nas_data.whole_file import write_whole
 
 PAGE, FIGURES = "report.html", "figures"
 
@@ -34,7 +34,7 @@ def show(folder: Path) -> Path:
         if stale.name not in figures:
             stale.unlink()
     for name, figure in figures.items():
-        write_whole(folder / FIGURES / name, to_png(figure))
+        write_atomic(folder / FIGURES / name, to_png(figure))
     path = folder / PAGE
-    write_whole(path, build_page(report, series, folder).to_html().encode())
+    write_atomic(path, build_page(report, series, folder).to_html().encode())
     return path

@@ -27,8 +27,8 @@ from nas_data.dataset.versions import check_destination
 from nas_data.dataset.write_lock import hold_write_lock
 from nas_data.errors import OptionError
 from nas_data.policies.evaluate import Returns
-from nas_data.policies.rollouts.robot_stepper import Bout, RolloutTally
-from nas_data.policies.rollouts.rollout import Judgement, read_judgements
+from nas_data.policies.rollouts.robot_stepper import ArmAttempt, RolloutTally
+from nas_data.policies.rollouts.rollout import RolloutScore, read_judgements
 from nas_data.recorders.arm_dataset import to_dataset
 from nas_data.recorders.under_way import (
     choose_recording_folder,
@@ -73,14 +73,14 @@ class Recorder:
     objects: Feature
     provenance: Provenance
 
-    def dataset(self, bouts: Sequence[Bout], judgement: Judgement) -> Dataset:
+    def dataset(self, bouts: Sequence[ArmAttempt], judgement: RolloutScore) -> Dataset:
         """Return a rollout of T steps as a dataset, with one episode per reset."""
         dataset = concatenate([self._bout(bout) for bout in bouts])
         for key, column in judgement.columns().items():
             dataset = dataset.with_column(key, FEATURES[key], column)
         return dataset
 
-    def _bout(self, bout: Bout) -> Dataset:
+    def _bout(self, bout: ArmAttempt) -> Dataset:
         dataset = to_dataset(bout, self.joints, self.rate, self.task, self.provenance.robot)
         if not self.objects.width:
             return dataset
@@ -128,7 +128,7 @@ class Saved:
             if other:
                 raise make_other_recording_error(self.growing.root, f"another {' and '.join(other)}", "--record")
 
-    def save(self, bouts: Sequence[Bout], judgement: Judgement) -> None:
+    def save(self, bouts: Sequence[ArmAttempt], judgement: RolloutScore) -> None:
         """Save a rollout and flush it to the disk. Call `resume` first."""
         assert self._recorder is not None
         provenance = self._recorder.provenance

@@ -18,7 +18,7 @@ AHEAD = 0.1  # [s] lookahead of the collision check
 
 
 @dataclass
-class Bout(ArmEpisode):
+class ArmAttempt(ArmEpisode):
     """Readings and commands from one reset to the next.
 
     Attributes:
@@ -90,7 +90,7 @@ class RobotStepper:
         self._retry = Retry(TRIES, self._stand_still)
         for arm in self._arms:
             arm.retry = self._retry
-        self._bouts, self._bout, self._due = list[Bout](), Bout(), 0.0
+        self._bouts, self._bout, self._due = list[ArmAttempt](), ArmAttempt(), 0.0
         self._state, self._opponent = np.zeros(2 * len(self.joints)), np.zeros(model.object_feature.width)
         self._guidance: np.ndarray = np.zeros(len(self.joints))
         self._safe: np.ndarray = self._guidance
@@ -111,7 +111,7 @@ class RobotStepper:
         n = len(self.joints)
         self._guidance = states[0, 2 * n : 3 * n].copy()
         self._bring(np.concatenate([states[0, :n], self._guidance]) if self._defender else states[0, :n])
-        self._bout, self._due = Bout(), self._attacker.clock.now() + LEAD
+        self._bout, self._due = ArmAttempt(), self._attacker.clock.now() + LEAD
         self._read(self._retry.failures)
         here, _ = self._measured()
         self._safe = here - self._planner.sag(here)
@@ -147,7 +147,7 @@ class RobotStepper:
         self._body.reset(np.concatenate([self._state, self._opponent])[None])
         return self._body.site_positions(name)
 
-    def take_bouts(self) -> list[Bout]:
+    def take_bouts(self) -> list[ArmAttempt]:
         """End the present bout, and return all bouts since the last call."""
         self._end_bout()
         bouts, self._bouts = self._bouts, []
@@ -162,7 +162,7 @@ class RobotStepper:
 
     def _end_bout(self) -> None:
         """Append the readings and commands since the last reset to the bouts."""
-        bout, self._bout = self._bout, Bout()
+        bout, self._bout = self._bout, ArmAttempt()
         if bout.commands:
             self.tally.late += int(bout.late(self._attacker.period)[1:].sum())
             self.tally.missed += int(bout.missed(self._attacker.period)[1:].sum())

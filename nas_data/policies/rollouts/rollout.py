@@ -7,15 +7,15 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import DONE, REWARD, SUCCESS
-from nas_data.envs.base import Task, Verdict
+from nas_data.envs.base import StepResult, Task
 from nas_data.envs.loop.task_batch import TaskBatch
 from nas_data.policies.evaluate import Returns
 from nas_data.policies.policy import Policy
-from nas_data.policies.rollouts.robot_stepper import Bout, RobotStepper
+from nas_data.policies.rollouts.robot_stepper import ArmAttempt, RobotStepper
 
 
 @dataclass(frozen=True)
-class Judgement:
+class RolloutScore:
     """Rewards and successes of an episode of T steps.
 
     Attributes:
@@ -27,7 +27,7 @@ class Judgement:
     successes: np.ndarray
 
     @classmethod
-    def of(cls, verdicts: Sequence[Verdict]) -> "Judgement":
+    def of(cls, verdicts: Sequence[StepResult]) -> "RolloutScore":
         """Collect the verdicts of an episode."""
         rewards = np.array([verdict.reward[0] for verdict in verdicts], dtype=np.float32)
         return cls(rewards, np.array([bool(verdict.success[0]) for verdict in verdicts]))
@@ -47,15 +47,17 @@ class Judgement:
         )
 
 
-def read_judgements(dataset: Dataset) -> Iterator[Judgement]:
+def read_judgements(dataset: Dataset) -> Iterator[RolloutScore]:
     """Yield the rewards and successes of each rollout in a dataset; a rollout may have several resets."""
     ends = np.flatnonzero(dataset.columns[DONE][:, 0]) + 1
     for first, last in zip([0, *ends[:-1].tolist()], ends.tolist(), strict=False):
         rewards, successes = (dataset.columns[key][first:last, 0] for key in (REWARD, SUCCESS))
-        yield Judgement(rewards, successes.astype(bool))
+        yield RolloutScore(rewards, successes.astype(bool))
 
 
-def roll_out_on_arm(task: Task, stepper: RobotStepper, policy: Policy, seed: int) -> tuple[list[Bout], Judgement]:
+def roll_out_on_arm(
+    task: Task, stepper: RobotStepper, policy: Policy, seed: int
+) -> tuple[list[ArmAttempt], RolloutScore]:
     """Play one episode with a policy's mean actions.
 
     Args:
@@ -72,9 +74,9 @@ def roll_out_on_arm(task: Task, stepper: RobotStepper, policy: Policy, seed: int
     """
     arena = TaskBatch(task, stepper)
     arena.start([np.random.default_rng(seed)])
-    verdicts, over = list[Verdict](), False
+    verdicts, over = list[StepResult](), False
     while not over:
         verdict, truncated = arena.step(policy.act(arena.observe()))
         verdicts.append(verdict)
         over = bool((verdict.terminated | truncated)[0])
-    return stepper.take_bouts(), Judgement.of(verdicts)
+    return stepper.take_bouts(), RolloutScore.of(verdicts)

@@ -8,7 +8,7 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 
-from nas_data.envs.base import InTurn
+from nas_data.envs.base import ConsecutiveEdits
 from nas_data.errors import PathBlocked
 from nas_data.recorders.path_planner import PathPlanner
 from nas_data.robots.ergo_shield import DEFENDER, DEFENDERS_JOINTS
@@ -132,6 +132,6 @@ def make_two_arm_planner(edges: bool = False, clearance: float = 0.0) -> PathPla
             policies that were trained there pass through.
         clearance: Distance between the arms below which they count as in contact [m].
     """
-    touching = InTurn(add_edges if edges else tell_apart, partial(keep_clear, clearance=clearance))
-    edit = InTurn(DUEL.edit, touching)
+    touching = ConsecutiveEdits(add_edges if edges else tell_apart, partial(keep_clear, clearance=clearance))
+    edit = ConsecutiveEdits(DUEL.edit, touching)
     return PathPlanner(replace(DUEL, name="two_ergojr", joints=(*JOINTS, *DEFENDERS_JOINTS), edit=edit))

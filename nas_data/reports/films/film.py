@@ -8,11 +8,11 @@ import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from nas_data.atomic_file import write_atomic
 from nas_data.errors import OptionError
 from nas_data.reports.films.motion import Motion
 from nas_data.reports.films.scene import Scene, choose_colour
 from nas_data.simulators.offscreen import OffscreenRenderer
-from nas_data.whole_file import write_whole
 
 LINE, EDGE = 22, 10  # [px] height of a line of the caption, and space around it
 TYPE_SIZE = 15  # [px]
@@ -115,7 +115,7 @@ def write_png(picture: np.ndarray, path: Path) -> None:
     """Write a picture, shape (height, width, 3), uint8."""
     content = BytesIO()
     Image.fromarray(picture).save(content, format="PNG", optimize=True)
-    write_whole(path, content.getvalue())
+    write_atomic(path, content.getvalue())
 
 
 def write_mp4(

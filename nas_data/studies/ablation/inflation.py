@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from nas_data.atomic_file import write_atomic
 from nas_data.dataset.layout import read_json
 from nas_data.models.threads import one_thread
 from nas_data.studies.ablation.kinds.base import find_kind
 from nas_data.studies.ablation.trial import UNFINISHED, Trial, prepare
 from nas_data.typed_json import from_json
-from nas_data.whole_file import write_whole
 
 FILE = "inflation.json"
 PROBE_UPDATES = 10  # length of a timing probe: seconds of work
@@ -89,7 +89,7 @@ def read(folder: Path) -> Inflation | None:
 def keep(folder: Path, found: Inflation | None) -> None:
     """Write the measurement into a sweep's folder, if there is one."""
     if found is not None:
-        write_whole(folder / FILE, (json.dumps(found.to_json(), indent=1) + "\n").encode())
+        write_atomic(folder / FILE, (json.dumps(found.to_json(), indent=1) + "\n").encode())
 
 
 def make_probes(trials: Sequence[Trial], workers: int, folder: Path) -> list[Probe]:

@@ -6,7 +6,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.metrics import Errors
 from nas_data.models.evaluation import MODEL, Evaluation, evaluate
 from nas_data.sources import SourceModel
-from nas_data.studies.ablation.kinds.base import Learned
+from nas_data.studies.ablation.kinds.base import TrainedPredictor
 from nas_data.studies.ablation.results import PredictorErrors, TrialResult
 from nas_data.typed_json import make_finite
 
@@ -14,7 +14,7 @@ SOURCE = "source"
 BASELINES = (SOURCE, "hold", "command")
 
 
-def judge(kind: str, learned: Learned, plain: SourceModel | None, held: Dataset) -> TrialResult:
+def judge(kind: str, learned: TrainedPredictor, plain: SourceModel | None, held: Dataset) -> TrialResult:
     """Compare predictions of a predictor and of the baselines with measurements.
 
     Args:
@@ -28,7 +28,7 @@ def judge(kind: str, learned: Learned, plain: SourceModel | None, held: Dataset)
     """
     with_model = evaluate_model(learned.source, learned, held)
     own = SOURCE if learned.model is None else MODEL[learned.model.kind]
-    without = with_model if learned.source is plain else evaluate_model(plain, Learned(None, plain), held)
+    without = with_model if learned.source is plain else evaluate_model(plain, TrainedPredictor(None, plain), held)
     return TrialResult(
         unit=with_model.open_loop[own].unit.si,
         one_step=describe(kind, with_model.one_step[own], without.one_step),
@@ -36,7 +36,7 @@ def judge(kind: str, learned: Learned, plain: SourceModel | None, held: Dataset)
     )
 
 
-def evaluate_model(source: SourceModel | None, learned: Learned, held: Dataset) -> Evaluation:
+def evaluate_model(source: SourceModel | None, learned: TrainedPredictor, held: Dataset) -> Evaluation:
     """Evaluate a model on a source; either may be missing."""
     simulator = None if source is None else source.simulator(held, threads=1)
     return evaluate(held, simulator, learned.model)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from filelock import FileLock, Timeout
 
+from nas_data.atomic_file import write_atomic
 from nas_data.count_of import count_of
 from nas_data.errors import OutputExists
 from nas_data.models.presets import TrainingOptions
@@ -32,7 +33,6 @@ from nas_data.studies.ablation.results import TrialResult
 from nas_data.studies.ablation.trial import TRIALS, UNFINISHED, Config, Trial, do_trial, hash_trial_code
 from nas_data.typed_json import from_json
 from nas_data.visible_files import list_visible_files
-from nas_data.whole_file import write_whole
 
 SWEEP, LOCK = "sweep.json", ".lock"
 
@@ -220,7 +220,7 @@ def open_sweep(folder: Path, identity: Mapping[str, object]) -> Iterator[None]:
         raise OutputExists(f"Another `nas ablate` works in {folder}; wait for it, or choose another --out.") from None
     with lock:
         shutil.rmtree(folder / UNFINISHED, ignore_errors=True)  # what a killed sweep left
-        write_whole(folder / SWEEP, (json.dumps(identity, indent=1) + "\n").encode())
+        write_atomic(folder / SWEEP, (json.dumps(identity, indent=1) + "\n").encode())
         yield
         shutil.rmtree(folder / UNFINISHED, ignore_errors=True)
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
+from nas_data.atomic_file import write_atomic
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.provenance import read_package_versions
 from nas_data.errors import NasError, WorkerLost
@@ -22,12 +23,11 @@ from nas_data.runs.environment_info import find_commit
 from nas_data.sources import SourceModel
 from nas_data.studies.ablation.amount import Amount
 from nas_data.studies.ablation.judging import judge
-from nas_data.studies.ablation.kinds.base import FOLDER, Lesson, find_kind
+from nas_data.studies.ablation.kinds.base import FOLDER, TrainingInput, find_kind
 from nas_data.studies.ablation.material import Content, SweepData
 from nas_data.studies.ablation.results import TrainingData, TrialResult
 from nas_data.studies.ablation.subsets import Run, draw
 from nas_data.typed_json import as_object
-from nas_data.whole_file import write_whole
 
 SCHEMA = 1
 TRIALS, UNFINISHED = "trials", ".unfinished"
@@ -139,7 +139,7 @@ def do_trial(trial: Trial) -> TrialResult:
         cpu_seconds=time.process_time() - cpu,
     )
     record = {"question": trial.question, **as_object(result)}
-    write_whole(trial.path, (json.dumps(record, indent=1, allow_nan=False) + "\n").encode())
+    write_atomic(trial.path, (json.dumps(record, indent=1, allow_nan=False) + "\n").encode())
     return result
 
 
@@ -186,7 +186,7 @@ def learn_and_judge(trial: Trial, folder: Path) -> TrialResult:
     )
 
 
-def prepare(trial: Trial, folder: Path) -> tuple[Lesson, Dataset, list[Run]]:
+def prepare(trial: Trial, folder: Path) -> tuple[TrainingInput, Dataset, list[Run]]:
     """Return the input of a kind, the held-out transitions, and the runs of frames of the subset.
 
     Args:
@@ -197,7 +197,7 @@ def prepare(trial: Trial, folder: Path) -> tuple[Lesson, Dataset, list[Run]]:
     dataset = material.read()
     train, held = material.divide(dataset, config.held_out, config.seed)
     runs = draw(dataset, train, config.amount, config.seed)
-    lesson = Lesson(
+    lesson = TrainingInput(
         data=select_frames(dataset, runs),
         root=material.root,
         source=material.source(),

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.atomic_file import write_atomic
 from nas_data.reports.ablation_figure import AblationCurve, draw_error_over_amount
 from nas_data.reports.style import to_png
 from nas_data.studies.ablation.kinds.base import find_kind
 from nas_data.studies.ablation.summary import JSON, LOOPS, Cell, SweepSummary
 from nas_data.studies.ablation.table import format_markdown
 from nas_data.typed_json import make_finite
-from nas_data.whole_file import write_whole
 
 TABLE, FIGURE = "ablation.md", "ablation.png"
 
@@ -31,11 +31,11 @@ def write(folder: Path, summary: SweepSummary, more: Mapping[str, object], notes
     """
     files = {"result": folder / JSON, "table": folder / TABLE}
     content = make_finite({"schema": 1, **summary.to_json(), **more})
-    write_whole(files["result"], (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
-    write_whole(files["table"], format_markdown(summary, [summary.sentence(), *notes]).encode())
+    write_atomic(files["result"], (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
+    write_atomic(files["table"], format_markdown(summary, [summary.sentence(), *notes]).encode())
     if summary.cells:
         files["figure"] = folder / FIGURE
-        write_whole(files["figure"], draw_picture(summary))
+        write_atomic(files["figure"], draw_picture(summary))
     return files
 
 

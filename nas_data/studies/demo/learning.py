@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from safetensors.numpy import load_file, save
 
+from nas_data.atomic_file import write_atomic
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
 from nas_data.metrics import Errors
@@ -23,7 +24,6 @@ from nas_data.studies.demo.plan import Demo
 from nas_data.studies.demo.recording import HELDOUT, TRAIN, find_newest
 from nas_data.studies.experiments.pipeline.learning import ModelJob, train_model
 from nas_data.studies.experiments.pipeline.trajectories import PREDICTORS, combine, compare_models
-from nas_data.whole_file import write_whole
 
 FOLDERS: dict[Kind, str] = {"delta": "models/phi", "forward": "models/psi"}
 ROLLOUTS = "models/rollouts.safetensors"
@@ -59,7 +59,7 @@ def learn_models(demo: Demo) -> StageResult:
         evaluation = with_names(evaluation, evaluate(dataset, named.simulator(), None))
     save_rollouts(evaluation, dataset, demo.folder / ROLLOUTS)
     errors = {"one_step": make_error_table(evaluation.one_step), "open_loop": make_error_table(evaluation.open_loop)}
-    write_whole(demo.folder / ERRORS, (json.dumps(errors, indent=1) + "\n").encode())
+    write_atomic(demo.folder / ERRORS, (json.dumps(errors, indent=1) + "\n").encode())
     said = [
         f"On {dataset.n_episodes} held-out episodes, what was learned and named above what needs neither:",
         *evaluation.text().splitlines(),
@@ -106,7 +106,7 @@ def save_rollouts(evaluation: Evaluation, dataset: Dataset, path: Path) -> None:
     rows = list(dataset.episodes())
     curves = {"measured": [dataset.next_states[row] for row in rows], **evaluation.rollouts}
     stacked = {name: np.stack([episode[:, :n] for episode in episodes]) for name, episodes in curves.items()}
-    write_whole(path, save({name: np.ascontiguousarray(values, dtype=np.float32) for name, values in stacked.items()}))
+    write_atomic(path, save({name: np.ascontiguousarray(values, dtype=np.float32) for name, values in stacked.items()}))
 
 
 def load_rollouts(path: Path) -> dict[str, np.ndarray]:

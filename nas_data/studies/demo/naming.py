@@ -14,7 +14,7 @@ from nas_data.gap.showing.page_words import list_effects
 from nas_data.gap.summary import describe_errors, summarise
 from nas_data.gap.workflow import investigate
 from nas_data.gap.write_model import EFFECTS
-from nas_data.runs.progress import Calm
+from nas_data.runs.progress import RateLimited
 from nas_data.runs.stages import INDENT, WIDTH, StageResult
 from nas_data.studies.demo.plan import Demo
 from nas_data.studies.demo.recording import DATASETS, TRAIN, find_newest
@@ -31,7 +31,7 @@ def name_effects(demo: Demo) -> StageResult:
         folder.mkdir(exist_ok=True)
         return StageResult(["left out"], {})
     recording, model = record_blind(demo), find_newest(demo, TRAIN) / SOURCE
-    say = Calm(lambda line: demo.report(INDENT + textwrap.shorten(line, WIDTH, placeholder=" …")), PAUSE)
+    say = RateLimited(lambda line: demo.report(INDENT + textwrap.shorten(line, WIDTH, placeholder=" …")), PAUSE)
     report = investigate(recording, model, folder, say)
     content = report.to_json()
     return StageResult(

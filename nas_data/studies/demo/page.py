@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from nas_data.atomic_file import write_atomic
 from nas_data.benchmarks.hardware import read_hardware
 from nas_data.dataset.provenance import format_current_time, read_provenance
 from nas_data.gap.report import GapReport
@@ -32,7 +33,6 @@ from nas_data.studies.demo.plan import Demo, DemoPlan
 from nas_data.studies.demo.policies import BASELINES, load_baselines
 from nas_data.studies.demo.policies import FOLDER as POLICIES
 from nas_data.studies.demo.recording import HELDOUT, TRAIN, find_newest
-from nas_data.whole_file import write_whole
 
 PAGE = "report.html"
 LEAD = (
@@ -59,7 +59,7 @@ def write_page(demo: Demo) -> StageResult:
         ],
     )
     path = demo.folder / PAGE
-    write_whole(path, page.to_html().encode())
+    write_atomic(path, page.to_html().encode())
     return StageResult([], {"page": str(path)}, [f"page → {path}"])
 
 

@@ -5,17 +5,17 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.atomic_file import write_atomic
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare
 from nas_data.policies.evaluate import score_baselines
 from nas_data.policies.hyperparameters import Hyperparameters
 from nas_data.policies.intervals import describe_bootstrap
-from nas_data.policies.watching import watching
+from nas_data.policies.training_progress import report_training_progress
 from nas_data.runs.stages import INDENT, StageResult
 from nas_data.studies.demo.learning import FOLDERS, count_cores
 from nas_data.studies.demo.naming import read_named_dynamics
 from nas_data.studies.demo.plan import Demo
-from nas_data.whole_file import write_whole
 
 FOLDER = "policies"
 BASELINES = "policies/baselines.json"
@@ -25,7 +25,7 @@ def learn_policies(demo: Demo) -> StageResult:
     """Train every method with every seed, and evaluate each policy on the target."""
     plan = demo.plan
     study = make_study(demo)
-    with watching(study, demo.folder / FOLDER, lambda line: demo.report(f"{INDENT}{line}")):
+    with report_training_progress(study, demo.folder / FOLDER, lambda line: demo.report(f"{INDENT}{line}")):
         comparison = compare(study, demo.folder / FOLDER, count_cores(), lambda line: demo.report(f"{INDENT}{line}"))
     baselines = score_baselines(plan.target, plan.judged)
     said = [
@@ -35,7 +35,7 @@ def learn_policies(demo: Demo) -> StageResult:
         f"policies → {demo.folder / FOLDER}",
     ]
     scores = {name: score.describe() for name, score in baselines.items()}
-    write_whole(demo.folder / BASELINES, (json.dumps(scores, indent=1) + "\n").encode())
+    write_atomic(demo.folder / BASELINES, (json.dumps(scores, indent=1) + "\n").encode())
     several = len(plan.seeds) > 1
     over = f", median of {len(plan.seeds)} seeds" if several else f", seed {plan.seeds[0]}"
     brackets = f" (in brackets: {describe_bootstrap(len(plan.seeds))})" if several else ""

@@ -18,7 +18,7 @@ FOLDER = "studies.ablation.kinds"
 
 
 @dataclass(frozen=True)
-class Lesson:
+class TrainingInput:
     """Input of a kind.
 
     Attributes:
@@ -45,7 +45,7 @@ class Lesson:
 
 
 @dataclass(frozen=True)
-class Learned:
+class TrainedPredictor:
     """A predictor.
 
     Attributes:
@@ -73,7 +73,7 @@ class ModelKind:
     """
 
     label: str
-    learn: Callable[[Lesson], Learned]
+    learn: Callable[[TrainingInput], TrainedPredictor]
     trains: bool = True
     needs_source: bool = False
     needs_pairs: bool = False

@@ -10,7 +10,7 @@ from nas_data.policies.compare import Comparison, Study, compare
 from nas_data.policies.hyperparameters import Hyperparameters
 from nas_data.policies.intervals import compute_median_interval, describe_interval, format_median
 from nas_data.policies.share import format_share_heading
-from nas_data.policies.watching import watching
+from nas_data.policies.training_progress import report_training_progress
 from nas_data.reports.experiment_figures import Panel
 from nas_data.runs.stages import INDENT
 from nas_data.studies.experiments.base import Request, ResultTable
@@ -89,7 +89,7 @@ def run_study(study: Study, request: Request, environment: str) -> Comparison:
     def report(line: str) -> None:
         request.report(f"{INDENT}{line}")
 
-    with watching(study, folder, report):
+    with report_training_progress(study, folder, report):
         return compare(study, folder, request.workers, report, quiet=True)
 
 

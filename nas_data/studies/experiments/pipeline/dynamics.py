@@ -3,7 +3,7 @@
 from functools import partial
 
 from nas_data.effects.base import Effect
-from nas_data.envs.base import SOURCE, Edit, InTurn, Task
+from nas_data.envs.base import SOURCE, ConsecutiveEdits, Edit, Task
 from nas_data.simulators.engines import ENGINE_NAMES
 from nas_data.studies.experiments.pipeline.artifacts import Artifacts
 
@@ -48,7 +48,7 @@ def format_effect(effect: Effect) -> str:
 
 def format_edit(edit: Edit | None) -> list[str]:
     """Return the function name and arguments of an edit."""
-    if isinstance(edit, InTurn):
+    if isinstance(edit, ConsecutiveEdits):
         return [*format_edit(edit.first), *format_edit(edit.second)]
     if isinstance(edit, partial):
         arguments = ", ".join(f"{name}={value}" for name, value in edit.keywords.items())

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from nas_data.atomic_file import write_atomic
 from nas_data.dataset import versions
 from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
@@ -17,7 +18,6 @@ from nas_data.models.run import CHECKPOINT, HISTORY, STATE, TrainingRun
 from nas_data.models.training import ModelTraining
 from nas_data.runs.code_hash import hash_code
 from nas_data.sources import locate_source, read_kept_files
-from nas_data.whole_file import write_whole
 
 TRAINED_BY = "nas_data.models.run"
 
@@ -93,7 +93,7 @@ def claim(job: ModelJob, identity: Mapping[str, object], report: Callable[[str],
         different = ", ".join(key for key in identity if held.get(key) != identity[key])
         report(f"{job.folder} holds a model that differs in {different}: it is trained anew")
         shutil.rmtree(job.folder)
-    write_whole(job.record, (json.dumps(identity, indent=1) + "\n").encode())
+    write_atomic(job.record, (json.dumps(identity, indent=1) + "\n").encode())
 
 
 def read_record(path: Path) -> dict[str, Any]:

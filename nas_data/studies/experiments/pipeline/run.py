@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from nas_data.atomic_file import write_atomic
 from nas_data.environment_ids import make_environment_name
 from nas_data.envs.base import find_task, find_task_file
 from nas_data.errors import OptionError, UnknownName
@@ -14,11 +15,10 @@ from nas_data.runs.parallel import combine_errors
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request, find_experiment
 from nas_data.studies.experiments.pipeline.methods import METHODS, check_methods
 from nas_data.typed_json import make_finite
-from nas_data.whole_file import write_whole
 
 
 @dataclass(frozen=True)
-class Conducted:
+class ExperimentRun:
     """A finished experiment.
 
     Attributes:
@@ -32,7 +32,7 @@ class Conducted:
     files: tuple[Path, ...]
 
 
-def conduct(name: str, request: Request) -> Conducted:
+def run_experiment(name: str, request: Request) -> ExperimentRun:
     """Run an experiment and write its files; those of single environments are written as soon as they are done.
 
     Raises:
@@ -69,7 +69,7 @@ def make_each(name: str, experiment: Experiment, request: Request) -> None:
         raise combine_errors(failed, len(request.environments))
 
 
-def make(name: str, experiment: Experiment, request: Request) -> Conducted:
+def make(name: str, experiment: Experiment, request: Request) -> ExperimentRun:
     """Run an experiment on all its environments, and write its files."""
     began = time.monotonic()
     result = experiment.run(request)
@@ -79,7 +79,7 @@ def make(name: str, experiment: Experiment, request: Request) -> Conducted:
     lines = [*list_warnings(request), *(f"{table.text()}\n" for table in result.tables), *result.notes]
     lines += [f"→ {path}" for path in files.values()]
     places = {key: str(path) for key, path in files.items()}
-    return Conducted("\n".join(lines), {**places, **data}, tuple(files.values()))
+    return ExperimentRun("\n".join(lines), {**places, **data}, tuple(files.values()))
 
 
 def describe_request(name: str, title: str, request: Request) -> dict[str, object]:
@@ -110,10 +110,10 @@ def write(
     named = {"result": ".json", "table": ".md", **{f"figure{end}": f"{end}.png" for end in result.pictures}}
     files = {key: stem.with_name(stem.name + end) for key, end in named.items()}
     page = [f"# {title}", *list_warnings(request), *(table.markdown() for table in result.tables), *result.notes]
-    write_whole(files["result"], (json.dumps(make_finite(data), indent=1, allow_nan=False) + "\n").encode())
-    write_whole(files["table"], ("\n\n".join(page) + "\n").encode())
+    write_atomic(files["result"], (json.dumps(make_finite(data), indent=1, allow_nan=False) + "\n").encode())
+    write_atomic(files["table"], ("\n\n".join(page) + "\n").encode())
     for end, picture in result.pictures.items():
-        write_whole(files[f"figure{end}"], picture)
+        write_atomic(files[f"figure{end}"], picture)
     return files
 
 

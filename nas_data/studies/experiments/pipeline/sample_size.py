@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+from nas_data.atomic_file import write_atomic
 from nas_data.dataset import versions
 from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
@@ -36,7 +37,6 @@ from nas_data.studies.experiments.pipeline.methods import METHODS, add_to_source
 from nas_data.studies.experiments.pipeline.pairs import pair_again
 from nas_data.studies.experiments.pipeline.sizes import FOR_FEW
 from nas_data.studies.experiments.pipeline.stages import hash_naming_code
-from nas_data.whole_file import write_whole
 
 SUBSET = "subset"
 BY_PRESET = {f"nas_{name}": name for name in FOR_FEW}
@@ -129,7 +129,7 @@ def name_subset(job: CountJob) -> Names:
         with on_one_core() if job.threads == 1 else nullcontext():
             report = workflow.investigate(root, job.material.train / "meta/source.xml", folder, silence)
         held = {"identity": identity, "seconds": time.monotonic() - began, "verdict": report.verdict}
-        write_whole(record, (json.dumps(held, indent=1) + "\n").encode())
+        write_atomic(record, (json.dumps(held, indent=1) + "\n").encode())
     named = Named.read(folder)
     found = folder if named.effects or named.retuned else None
     return Names(found, held["seconds"], held["verdict"] in EXPLAINED)

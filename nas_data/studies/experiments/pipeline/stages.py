@@ -13,7 +13,7 @@ from nas_data.gap import workflow
 from nas_data.gap.named import Named
 from nas_data.models.lstm import Kind
 from nas_data.runs.code_hash import hash_code, list_effect_modules, list_gap_modules
-from nas_data.runs.progress import Calm, Report
+from nas_data.runs.progress import RateLimited, Report
 from nas_data.runs.stages import INDENT, Stage, StageResult, Work, read_done, run_stages
 from nas_data.runs.stages_side_by_side import Part, do_part, run_side_by_side
 from nas_data.studies.experiments.pipeline.artifacts import (
@@ -74,7 +74,7 @@ def name_effects(job: Job) -> StageResult:
     """Run `nas gap` on the recordings alone, without knowledge of the target."""
     material = Artifacts(job.plan, job.folder)
     root = select_recordings(job)
-    say = Calm(lambda line: job.report(f"{INDENT}names  {line.strip()}"), PAUSE)
+    say = RateLimited(lambda line: job.report(f"{INDENT}names  {line.strip()}"), PAUSE)
     report = workflow.investigate(root, material.train / "meta/source.xml", job.folder / NAMES, say)
     named = Named.read(job.folder / NAMES)
     listed = ", ".join(f"{effect.name()} in {effect.joint or 'the arm'}" for effect in named.effects) or "nothing"

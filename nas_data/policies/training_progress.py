@@ -15,7 +15,9 @@ PAUSE = 10.0  # [s] between two lines of progress
 
 
 @contextmanager
-def watching(study: Study, folder: Path, report: Callable[[str], None], pause: float = PAUSE) -> Iterator[None]:
+def report_training_progress(
+    study: Study, folder: Path, report: Callable[[str], None], pause: float = PAUSE
+) -> Iterator[None]:
     """Report the progress of training every few seconds.
 
     Args:

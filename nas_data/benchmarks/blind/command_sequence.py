@@ -9,7 +9,7 @@ from nas_data.benchmarks.blind.truth import Truth
 
 
 @dataclass(frozen=True)
-class Tape:
+class CommandSequence:
     """Commands of E episodes of n joints.
 
     Attributes:
@@ -22,10 +22,12 @@ class Tape:
     poses: np.ndarray
     start_speeds: np.ndarray | None = None
 
-    def __getitem__(self, episodes: slice) -> "Tape":
+    def __getitem__(self, episodes: slice) -> "CommandSequence":
         """Return some of the episodes."""
         speeds = None if self.start_speeds is None else self.start_speeds[episodes]
-        return Tape(self.commands[episodes], self.poses[episodes], speeds)
+        return CommandSequence(self.commands[episodes], self.poses[episodes], speeds)
 
 
-Script = Callable[[str, Truth], Tape]  # plant, truth → what is played; a controller's commands depend on both
+Script = Callable[
+    [str, Truth], CommandSequence
+]  # plant, truth → what is played; a controller's commands depend on both
