@@ -228,7 +228,12 @@ class Dataset:
     @property
     def commands_positions(self) -> bool:
         """Whether every joint is commanded positions."""
-        return set(self.kinds) <= {POSITION}
+        return bool(self.positional.all())
+
+    @property
+    def positional(self) -> Array:
+        """Which joints are commanded positions, shape (n,)."""
+        return np.array([kind == POSITION for kind in self.kinds], bool)
 
     @property
     def paired(self) -> bool:

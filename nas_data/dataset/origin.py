@@ -13,8 +13,7 @@ import numpy as np
 from nas_data.arrays import Array
 from nas_data.count_of import count_of
 from nas_data.dataset import versions
-from nas_data.dataset.audits import audit
-from nas_data.dataset.audits.base import Expected
+from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.checks import check_finite
 from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
@@ -37,7 +36,6 @@ from nas_data.dataset.joints import REMEDY
 from nas_data.dataset.layout import PROVENANCE
 from nas_data.dataset.provenance import Parent, Provenance, format_current_time, read_package_versions, read_provenance
 from nas_data.dataset.read import read
-from nas_data.dataset.recording import extract_recordings
 from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.write import encode_json
 from nas_data.errors import DatasetInvalid, JointMismatch, OptionError
@@ -303,9 +301,7 @@ def refuse(dataset: Dataset, turns: bool) -> None:
     Raises:
         DatasetInvalid: the audits report an error.
     """
-    kinds = dict(zip(dataset.joints, dataset.kinds, strict=True))
-    expected = Expected(rate=dataset.fps, slides=dataset.slides, kinds=kinds, turns=turns)
-    findings = [finding for recording in extract_recordings(dataset) for finding in audit(recording, expected)]
+    findings = audit_dataset(dataset, turns=turns)
     error = next((finding for finding in findings if finding.error), None)
     if error is not None:
         remedy = REMEDIES.get(error.check, "correct the arrays")

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import POSITION, TIME
+from nas_data.dataset.features import TIME
 from nas_data.dataset.timing import LATE
 
 OUTLYING = 4.0  # median absolute deviations of all episodes from which one is worth a look
@@ -37,9 +37,8 @@ def measure_episodes(dataset: Dataset, steps: Sequence[np.ndarray]) -> dict[str,
         "travel": np.array([float((np.ptp(positions[rows], axis=0) / ranges).max()) for rows in episodes]),
         "top speed": np.array([float((speeds[rows] / fastest).max()) for rows in episodes]),
     }
-    positional = [kind == POSITION for kind in dataset.kinds]
-    if any(positional) and dataset.commands.shape[1] == n:
-        errors = np.square((dataset.commands - positions) / ranges)[:, positional]
+    if dataset.positional.any() and dataset.commands.shape[1] == n:
+        errors = np.square((dataset.commands - positions) / ranges)[:, dataset.positional]
         measured["command − position"] = np.array([np.sqrt(errors[rows].mean()) for rows in episodes])
     if steps:
         late = [float((np.abs(part - period) > LATE * period).mean()) if len(part) else 0.0 for part in steps]

@@ -14,7 +14,6 @@ import numpy as np
 
 from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import POSITION
 from nas_data.errors import JointMismatch
 from nas_data.joint_units import compute_angle_scales, group_by_kind
 from nas_data.robots.base import find_robot
@@ -71,7 +70,7 @@ def check(
     found += [
         finding for joint in joints for finding in _check_middle(dataset, compiled, joint, (middles or {}).get(joint))
     ]
-    if POSITION not in dataset.kinds:
+    if not dataset.positional.any():
         return found
     resting = _RestingRows.of(dataset, compiled)
     if resting is not None:
@@ -179,16 +178,11 @@ def check_signs(dataset: Dataset, model: mujoco.MjModel) -> list[AuditFinding]:
     return [] if resting is None else resting.check_signs(dataset.joints)
 
 
-def _find_position_servos(dataset: Dataset) -> np.ndarray:
-    """Return which joints are commanded positions, shape (n,)."""
-    return np.array([kind == POSITION for kind in dataset.kinds], bool)
-
-
 def _find_resting_rows(dataset: Dataset, radians: np.ndarray) -> np.ndarray:
     """Return the rows in which all joints hold their position; `radians` as in `find_radian_equivalent`, shape (n,)."""
     velocities = dataset.states[:, len(dataset.joints) :].astype(float)
     # Torques and speeds may change while nothing moves.
-    commands = dataset.commands * _find_position_servos(dataset)
+    commands = dataset.commands * dataset.positional
     steps = np.abs(np.diff(commands, axis=0, prepend=commands[:1]))
     still = (np.abs(velocities) < STILL * radians).all(axis=1) & (steps < STILL * radians).all(axis=1)
     return np.flatnonzero(still)
@@ -228,7 +222,7 @@ class _RestingRows:
         qpos = np.array([model.joint(joint).qposadr[0] for joint in dataset.joints])
         dofs = np.array([model.joint(joint).dofadr[0] for joint in dataset.joints])
         positions = dataset.states[rows, : len(dataset.joints)].astype(float)
-        held = (dataset.commands[rows] - positions) * _find_position_servos(dataset)
+        held = (dataset.commands[rows] - positions) * dataset.positional
         pull = compute_gravity_torques(model, qpos, dofs, positions)
         own = np.abs(pull).max(axis=0)
         largest = np.empty(len(dataset.joints))

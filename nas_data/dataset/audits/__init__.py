@@ -29,17 +29,20 @@ def find_audit(name: str) -> Audit:
     return cast(Audit, registry.import_plugin("dataset.audits", name, "audit"))
 
 
-def audit_dataset(dataset: Dataset, remedies: Remedies | None = None) -> tuple[AuditFinding, ...]:
+def audit_dataset(
+    dataset: Dataset, remedies: Remedies | None = None, turns: bool | None = None
+) -> tuple[AuditFinding, ...]:
     """Run every audit over each episode of a dataset.
 
     Args:
         dataset: Transitions, or states and commands of named joints.
         remedies: What puts findings right, if that is no map file.
+        turns: Whether joints may exceed two turns; if None, where units are stored.
     """
-    # Where units are stored, someone knows them: as_transitions refuses others than rad.
-    known = bool(dataset.features[STATE].units)
+    if turns is None:  # where units are stored, someone knows them: as_transitions refuses others than rad
+        turns = bool(dataset.features[STATE].units)
     kinds = dict(zip(dataset.joints, dataset.kinds, strict=True))
-    expected = Expected(rate=dataset.fps, slides=dataset.slides, kinds=kinds, turns=known, remedies=remedies)
+    expected = Expected(rate=dataset.fps, slides=dataset.slides, kinds=kinds, turns=turns, remedies=remedies)
     return tuple(finding for recording in extract_recordings(dataset) for finding in audit(recording, expected))
 
 

@@ -182,17 +182,19 @@ class FitTask:
         own, small = self.nominal, with_timestep(self.nominal, self.timestep)
         try:
             target = small.predict(self.evidence, effects, factors)
-            coarse = self.choose_coarse_model(target, effects, factors)
-            if coarse is None and own.spec.option.timestep == small.spec.option.timestep:
+            if coarse := self.choose_coarse_model(target, effects, factors):
+                model, rough = coarse
+                return replace(self, correction=target - rough, coarse_model=model)
+            if own.spec.option.timestep == small.spec.option.timestep:
                 return self.with_own_timestep()
-            rough = (coarse or own).predict(self.evidence, effects, factors)
+            rough = own.predict(self.evidence, effects, factors)
         except ModelFileError:
             return self.with_own_timestep()
-        return replace(self, correction=target - rough, coarse_model=coarse)
+        return replace(self, correction=target - rough, coarse_model=None)
 
     def choose_coarse_model(
         self, target: np.ndarray, effects: Sequence[Effect], factors: dict[str, float]
-    ) -> Nominal | None:
+    ) -> tuple[Nominal, np.ndarray] | None:
         """Return the model with a longer timestep that changes every joint's rollouts much less than their errors.
 
         Args:
@@ -201,7 +203,7 @@ class FitTask:
             factors: Factors of the model's parameters, by name.
 
         Returns:
-            The model; None without one.
+            The model and its positions [rad; m], shape (E, T, n); None if no longer timestep is good enough.
         """
         own, errors = float(self.nominal.spec.option.timestep), self.evidence.mean_squares(target).mean(0)
         for multiple in MULTIPLES:
@@ -214,7 +216,7 @@ class FitTask:
                     continue
                 changes = self.evidence.mean_squares(self.evidence.measured + predicted - target).mean(0)
                 if (changes < MUCH**2 * errors).all():
-                    return coarse
+                    return coarse, predicted
         return None
 
     def with_own_timestep(self) -> "FitTask":

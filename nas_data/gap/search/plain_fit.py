@@ -95,7 +95,7 @@ def describe_plain_fit(search: Search, joints: Collection[str]) -> Description:
     freed = frozenset(p.name for p in nominal.base if p.kind != "mass" and p.joint in joints)
     effects: list[Effect] = []
     for joint in filter(joints.__contains__, nominal.joints):
-        sizes = search.scales[nominal.joints.index(joint)]
+        sizes = search.find_scales(joint)
         lacking = {
             "coulomb_friction": ("torque", INITIAL_SHARE * sizes.torque, float(spec.joint(joint).frictionloss)),
             "viscous_friction": (

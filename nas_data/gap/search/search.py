@@ -141,7 +141,11 @@ class Search:
         last = h.effects[-1]
         if last.joint is None:
             return False
-        return last.has_preferred_equivalent(self.scales[self.train.nominal.joints.index(last.joint)])
+        return last.has_preferred_equivalent(self.find_scales(last.joint))
+
+    def find_scales(self, joint: str) -> Scales:
+        """Return the scales of a joint."""
+        return self.scales[self.train.nominal.joints.index(joint)]
 
     def evaluate_loss(self, description: Description, factors: dict[str, float]) -> Score:
         """Return the loss of a description at its values."""

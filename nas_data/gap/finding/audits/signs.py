@@ -1,6 +1,5 @@
 """Signs: whether a resting joint is held against the model's gravity, or hangs upwards."""
 
-from nas_data.dataset.features import POSITION
 from nas_data.gap.finding.audits.base import Examined, join_names
 from nas_data.gap.finding.torque_off import keep_torque_on
 from nas_data.gap.report_parts import Check
@@ -12,7 +11,7 @@ NAME = "signs"
 def check(examined: Examined) -> Check:
     """Compare the position errors of resting servos with the model's gravity."""
     dataset = examined.dataset
-    if POSITION not in dataset.kinds:
+    if not dataset.positional.any():
         return Check(NAME, "Not compared with gravity: the commands are no positions.")
     found = check_signs(keep_torque_on(dataset), examined.nominal.spec.copy().compile())
     if not found:

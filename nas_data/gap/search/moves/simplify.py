@@ -49,7 +49,7 @@ def replace_hook(search: Search, h: Hypothesis, number: int) -> list[Start]:
     effect = h.effects[number]
     if effect.in_model or effect.joint is None:
         return []
-    nearest = effect.nearest_in_model(search.scales[search.train.nominal.joints.index(effect.joint)])
+    nearest = effect.nearest_in_model(search.find_scales(effect.joint))
     if nearest is None or effect_key(nearest) in map(effect_key, h.effects):
         return []
     return [(h.description.without_effect(number).add_effects(nearest), h.fit.factors, h.fit)]
