@@ -6,6 +6,8 @@ import pytest
 
 import nas_data as nas
 from nas_data.effects.base import add_effects, parse
+from nas_data.gap.finding.find import find
+from nas_data.gap.problem import Problem
 from nas_data.gap.report import GapReport
 
 ARM = """<mujoco><compiler angle="radian" autolimits="true"/><option timestep="0.002" integrator="implicitfast"/>
@@ -75,6 +77,14 @@ def record(servos: str, hidden: str) -> nas.Dataset:
 def identify(folder, servos: str, hidden: str) -> GapReport:
     (folder / "arm.xml").write_text(SERVOS[servos][0])
     return nas.identify(record(servos, hidden), model=folder / "arm.xml")
+
+
+def test_the_signs_of_joints_that_are_not_commanded_positions_are_said_to_be_unknown(tmp_path):
+    (tmp_path / "arm.xml").write_text(SERVOS["mixed"][0])
+    problem = Problem.of(record("mixed", ""), tmp_path / "arm.xml", None)
+    found = find(problem.dataset, problem.evidence, problem.as_given, problem.train.floor)
+    (signs,) = [check for check in found.audit if check.check == "signs"]
+    assert signs.ok and signs.finding.endswith("Not compared, as their commands are no positions: g.")
 
 
 @pytest.mark.slow

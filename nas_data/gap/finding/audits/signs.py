@@ -13,9 +13,11 @@ def check(examined: Examined) -> Check:
     dataset = examined.dataset
     if not dataset.positional.any():
         return Check(NAME, "Not compared with gravity: the commands are no positions.")
+    skipped = [joint for joint, positional in zip(dataset.joints, dataset.positional, strict=True) if not positional]
+    rest = f" Not compared, as their commands are no positions: {join_names(skipped)}." if skipped else ""
     found = check_signs(keep_torque_on(dataset), examined.nominal.spec.copy().compile())
     if not found:
-        return Check(NAME, "Servos at rest hold the loads that the model's gravity makes.")
+        return Check(NAME, f"Servos at rest hold the loads that the model's gravity makes.{rest}")
     what = join_names([finding.what for finding in found])
     remedy = "Check sign and zero of these joints in the map, or their axis in the model, before you look for effects."
-    return Check(NAME, f"{what}. {remedy}", ok=False)
+    return Check(NAME, f"{what}. {remedy}{rest}", ok=False)
