@@ -4,6 +4,7 @@ import copy
 import json
 import re
 import shutil
+import warnings
 from dataclasses import replace
 from html import unescape
 
@@ -71,6 +72,15 @@ def test_each_verdict_reads_well_and_stands_first(tmp_path, verdict):
     headings = re.findall(r"<h2.*?>(.*?)</h2>", (tmp_path / "report.html").read_text())
     assert headings == [title for title in ORDER if title in headings]
     assert text.rindex(SAID[verdict]) < text.rindex(headings[0])
+
+
+def test_rows_that_no_episode_reaches_are_not_drawn(tmp_path):
+    drawn = series(np.random.default_rng(0))
+    drawn["counts"][:, -3:] = False
+    written(tmp_path, drawn=drawn)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        show(tmp_path)
 
 
 def test_values_stand_in_friendly_units_beside_si(tmp_path):

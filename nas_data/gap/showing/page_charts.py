@@ -154,7 +154,8 @@ def draw_errors_over_time(report: GapReport, series: Series) -> Chart:
     shown = {
         name: series.shown(series.in_time(made, WINDOW)) for name, made in select_joint_models(report, series).items()
     }
-    quartiles = {name: np.nanquantile(rows, QUARTILES, axis=0) for name, rows in shown.items()}
+    reached = series.counts.any(axis=0)  # the recording may have held longer episodes, which are not drawn
+    quartiles = {name: np.nanquantile(rows[:, reached], QUARTILES, axis=0) for name, rows in shown.items()}
     layout = {
         "xaxis": make_axis("time since the start of an episode [s]"),
         "yaxis": make_log_axis(f"RMS error over {series.over}"),
@@ -164,7 +165,7 @@ def draw_errors_over_time(report: GapReport, series: Series) -> Chart:
         "How the error goes on from the start of an episode: median over the held-out episodes, band from the lower to "
         "the upper quartile. Every episode is predicted from its first pose and its commands alone."
     )
-    return Chart("error_over_time", caption, make_spread(series.time, quartiles, LOOKS), layout)
+    return Chart("error_over_time", caption, make_spread(series.time[reached], quartiles, LOOKS), layout)
 
 
 def draw_joint_charts(report: GapReport, series: Series) -> list[Chart]:
