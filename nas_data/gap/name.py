@@ -78,12 +78,13 @@ class Naming:
     def with_fit(self, final: FinalFit) -> "Naming":
         """Return the same names with the parameters of another fit that contains them."""
         numbers = {effect_key(effect): number for number, effect in enumerate(final.effects)}
-        findings = [
-            replace(finding, effect=final.effects[number], interval=final.intervals[number])
-            for finding in self.findings
+        kept = [
+            (replace(finding, effect=final.effects[number], interval=final.intervals[number]), rival)
+            for finding, rival in zip(self.findings, self.rivals, strict=True)
             if (number := numbers.get(effect_key(finding.effect))) is not None
         ]
-        return replace(self, findings=tuple(findings), final=final, rivals=self.rivals[: len(findings)])
+        findings, rivals = (tuple(members) for members in zip(*kept, strict=True)) if kept else ((), ())
+        return replace(self, findings=findings, final=final, rivals=rivals)
 
     @property
     def placebo(self) -> Hypothesis | None:

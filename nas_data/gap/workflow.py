@@ -74,15 +74,15 @@ def name_and_report(
     if found.undecidable:
         say("; ".join(found.undecidable))
     say("name: which effect is missing")
-    naming = name(problem.train, problem.held, say)
+    named = name(problem.train, problem.held, say)
     folder.mkdir(parents=True, exist_ok=True)
     clear_report(folder)  # late, so that an interrupted run keeps the earlier report
     say("add: write the model with the effects")
-    naming, outcome = deliver(problem, naming, folder, say)
+    naming, outcome = deliver(problem, named, folder, say)
     if learn:
         say("learn: φ on what the names leave")
         outcome = replace(outcome, learned=train_on_top(problem, outcome.model, learn, say))
-    experiment = propose_experiment(problem, naming, folder, say)
+    experiment = propose_experiment(problem, named, folder, say) if naming.findings else Proposal()
     report = compose(problem, found, naming, outcome, experiment, time.monotonic() - began)
     report = replace(report, made_from=record_origin(problem, folder, learn))
     write_difference(folder, problem.as_given, problem.names[1])
@@ -119,7 +119,14 @@ def train_on_top(problem: Problem, model: Path, updates: int, say: Report) -> Ma
 
 
 def propose_experiment(problem: Problem, naming: Naming, folder: Path, say: Report = silence) -> Proposal:
-    """Write the commands of the experiment that decides the least certain name, and describe it."""
+    """Write the commands of the experiment that decides the least certain name, and describe it.
+
+    Args:
+        problem: Recording and model.
+        naming: Names as found, without what is delivered beside them, which their rivals lack.
+        folder: Folder of the report.
+        say: Receives progress messages.
+    """
     rival = naming.least_sure_rival
     if rival is None:
         return Proposal()

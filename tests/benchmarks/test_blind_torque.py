@@ -204,7 +204,7 @@ def test_a_dataset_has_torques_and_speeds_measured_or_estimated(tmp_path):
 @pytest.mark.parametrize(
     "plant",
     [
-        "numpy",
+        pytest.param("numpy", marks=pytest.mark.slow),
         pytest.param("bullet", marks=[pytest.mark.bullet, pytest.mark.slow]),
         pytest.param("mujoco", marks=pytest.mark.slow),
     ],

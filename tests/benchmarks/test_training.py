@@ -64,6 +64,7 @@ def test_a_clock_that_stands_still_counts_nothing(monkeypatch):
     assert clock.wall > 0
 
 
+@pytest.mark.slow
 def test_the_benchmark_answers_with_its_ratios_and_leaves_nothing_behind(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     assert main(["benchmark", "training", "--episodes", "20", "--budget", "1", "--seeds", "1", "--json"]) == 0

@@ -60,6 +60,12 @@ def experiment(arm):
     return choose_next_experiment(arm, (PLAY, FRICTION), FLOOR, seed=3)
 
 
+def test_of_many_different_effects_only_some_are_listed(experiment):
+    many = [CoulombFriction(joint=joint, torque=0.004) for joint in ("shoulder", "elbow", "wrist", "gripper")]
+    text = describe_experiment(experiment.table[0], (Rival(tuple(many), {}), PLAY), JOINTS)
+    assert "separates coulomb friction in shoulder and coulomb friction in elbow and 2 more from backlash" in text
+
+
 def test_the_file_is_played_by_the_recorder(experiment, tmp_path):
     write_experiment(experiment, tmp_path / "next.csv")
     (tmp_path / "arm.xml").write_text(ARM)

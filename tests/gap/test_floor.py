@@ -61,6 +61,7 @@ def find_names(dataset: nas.Dataset, arm: str, folder: Path) -> dict[tuple[str, 
     return {(finding.effect.name(), finding.effect.joint): finding for finding in findings}
 
 
+@pytest.mark.slow
 def test_no_floor_is_named_where_there_is_none(tmp_path):
     assert find_names(record(ARM, ""), ARM, tmp_path) == {}
 

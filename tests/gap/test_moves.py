@@ -323,6 +323,7 @@ def test_a_scan_along_the_parameters_finds_wide_play_that_no_slope_leads_to():
     assert widths(found) == pytest.approx([0.15] * 3, rel=0.02)
 
 
+@pytest.mark.slow
 def test_play_that_seems_to_lie_in_its_middle_is_found_from_half_its_width():
     """A scan that is not close is enough where an arm is not chaotic: slopes lead on from there."""
     task = recorded("pusher", steps=100)

@@ -125,6 +125,7 @@ def test_what_needs_fine_steps_in_a_file_is_fitted_with_them(tmp_path: Path):
     assert found.whole and found.delivered == "names"
 
 
+@pytest.mark.slow
 def test_names_hold_where_no_file_can_express_them(given: Problem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(added_file, "SIZES", ((0.05, 20.0),))
     monkeypatch.setattr(added_file, "fit_model_effects", lambda problem, final: FinalFit((), {}, ()))

@@ -379,6 +379,7 @@ def test_enough_is_within_five_per_cent_of_the_best(medians, enough):
     assert find_sufficient_count((10, 25, 50), np.array(medians, dtype=float)[:, None]) == enough
 
 
+@pytest.mark.slow
 def test_figure8_counts_hits_and_draws_a_response(tmp_path):
     request = tiny(tmp_path, "ErgoShield", seeds=(0,), methods=("source", "nas"))
     shield = run_experiment("figure8", request).data["environments"]["ErgoShield"]

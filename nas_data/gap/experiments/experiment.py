@@ -1,5 +1,6 @@
 """Choice of the experiment in which two rival explanations differ most."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,7 @@ from nas_data.gap.nominal import Nominal
 
 __all__ = ["NextExperiment", "RatedExperiment", "Rival", "choose_next_experiment", "write_experiment"]
 
+SHOWN = 2  # most effects that are listed of each rival
 VISIBLE = 1.0  # noise floors; smallest difference of rivals that is worth recording
 
 
@@ -120,12 +122,14 @@ def describe_difference(rival: Rival, other: Rival) -> str:
     """Return the effects of a rival that the other lacks, in words."""
     theirs = {(effect.name(), effect.joint) for effect in other.effects}
     own = [effect for effect in rival.effects if (effect.name(), effect.joint) not in theirs]
-    names = {effect.name() for effect in other.effects}
-    return " and ".join(describe_effect(effect, effect.name() in names) for effect in own) or "no further effect"
+    counts = Counter(effect.name() for effect in (*rival.effects, *other.effects))
+    words = [describe_effect(effect, counts[effect.name()] > 1) for effect in own]
+    more = [f"{len(words) - SHOWN} more"] if len(words) > SHOWN else []
+    return " and ".join([*words[:SHOWN], *more]) or "no further effect"
 
 
 def describe_effect(effect: Effect, with_joint: bool) -> str:
-    """Return an effect's name in words, with its joint if that is the difference."""
+    """Return an effect's name in words, with its joint if the name occurs several times."""
     words = effect.name().replace("_", " ")
     return f"{words} in {effect.joint or 'the whole arm'}" if with_joint else words
 
