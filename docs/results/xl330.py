@@ -22,12 +22,22 @@ class Xl330:
     """What the tables say, in the words of the page."""
 
     def __init__(self, folder: Path) -> None:
-        self._logs, self._names = read_table(folder / "xl330.csv"), read_table(folder / "xl330_names.csv")
+        self._names = read_table(folder / "xl330_names.csv")
+        self._commits: set[str] = set()
+        self._errors: dict[str, dict[str, float]] = {}  # [°] by log and method
+        for row in read_table(folder / "xl330.csv"):
+            self._errors.setdefault(row["log"], {})[row["method"]] = float(row["open_loop"])
+            self._commits.add(row["commit"])
+
+    def commit(self) -> str:
+        """Return the commit that made the table."""
+        (commit,) = self._commits
+        return f"`{commit}`"
 
     def errors_table(self) -> str:
         """Return the table of errors by held-out log, the least of each in bold."""
-        logs = sorted(self._logs, key=lambda row: (row["log"].split()[0], int(row["log"].split("=")[1])))
-        rows = [self._row(row["log"].replace(" kp=", ", P "), [float(row[name]) for name in MODELS]) for row in logs]
+        logs = sorted(self._errors, key=lambda log: (log.split()[0], int(log.split("=")[1])))
+        rows = [self._row(log.replace(" kp=", ", P "), [self._errors[log][name] for name in MODELS]) for log in logs]
         rows.append(self._row("median", [self._median(name) for name in MODELS]))
         return markdown_table(["held-out log", *MODELS.values()], rows)
 
@@ -36,7 +46,7 @@ class Xl330:
         return [name, *(f"**{text}**" if text == f"{min(errors):.2f}" else text for text in texts)]
 
     def _median(self, model: str) -> float:
-        return float(np.median([float(row[model]) for row in self._logs]))
+        return float(np.median([errors[model] for errors in self._errors.values()]))
 
     def median(self, model: str) -> str:
         """Return the median error of a model [°]."""
@@ -44,11 +54,11 @@ class Xl330:
 
     def better(self) -> str:
         """Return on how many logs the names are better than the authors' numbers."""
-        return str(sum(float(row["named"]) < float(row["authors"]) for row in self._logs))
+        return str(sum(errors["named"] < errors["authors"] for errors in self._errors.values()))
 
     def count(self) -> str:
         """Return the number of logs."""
-        return str(len(self._logs))
+        return str(len(self._errors))
 
     def names_table(self) -> str:
         """Return the table of names by held-out trajectory."""

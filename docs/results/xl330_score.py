@@ -20,6 +20,7 @@ from nas_data.gap.nominal import Nominal, find_fine_timestep, with_timestep
 from nas_data.gap.search.final import fit_final
 from nas_data.gap.search.fit import FitTask
 from nas_data.gap.write_model import read_factors
+from nas_data.runs.environment_info import find_commit
 
 HERE = Path(__file__).parent
 MODEL, AUTHORS = HERE / "xl330.xml", HERE / "xl330_authors.json"
@@ -55,15 +56,17 @@ def held_out(trajectory: str, datasets: Path, runs: Path) -> list[dict[str, obje
     """Return the table's rows of one trajectory; what is named was fitted on the other two."""
     logs, evidence = recorded(datasets / trajectory)
     others, named = recorded(datasets / f"without_{trajectory}")[1], runs / f"without_{trajectory}" / "effects.json"
-    columns = {
+    methods = {
         "frictionless": errors(evidence),
         "authors": errors(evidence, read_effects(AUTHORS)),
         "refitted": errors(evidence, *refitted(others)),
         "named": errors(evidence, read_effects(named), read_factors(named)),
     }
+    known = {"experiment": "held-out logs", "seed": "", "commit": (find_commit() or "")[:7], "unit": "deg"}
     return [
-        {"log": logs[int(number)], **{name: round(float(column[place]), 3) for name, column in columns.items()}}
-        for place, number in enumerate(evidence.numbers)
+        {**known, "method": method, "log": logs[int(number)], "open_loop": round(float(error), 3)}
+        for method, found in methods.items()
+        for number, error in zip(evidence.numbers, found, strict=True)
     ]
 
 
