@@ -65,10 +65,11 @@ def describe_explained(report: GapReport) -> str:
 
 def describe_partly_explained(report: GapReport) -> str:
     """Describe effects that explain a part of the gap."""
+    gap = report.gap
+    times = f"{format_figures(gap.after / gap.noise_floor, 2)} times" if gap.noise_floor else "above"
     return (
-        f"{describe_missing(report)} the error on held-out episodes {describe_drop(report)}, but the noise of the "
-        "readings is "
-        f"{format_error(report.gap, 'noise_floor')}, so something else is missing, too{describe_places(report)}."
+        f"{describe_missing(report)} the error on held-out episodes {describe_drop(report)}. That is still {times} "
+        f"the noise of the readings, {format_error(gap, 'noise_floor')}{describe_places(report)}."
     )
 
 
