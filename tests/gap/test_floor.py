@@ -12,7 +12,6 @@ from nas_data.effects.base import parse
 from nas_data.errors import ModelFileError
 from nas_data.gap.name import Finding, name
 from nas_data.gap.problem import Problem
-from nas_data.mjcf.lowest_point import find_arm_geoms, find_first_anchor, find_lowest_point
 
 # the first joint's axis is 0.25 m above the ground
 ARM = """<mujoco><compiler angle="radian" autolimits="true"/><option timestep="0.002" integrator="implicitfast"/>
@@ -82,25 +81,6 @@ def test_a_floor_is_named_that_all_or_few_episodes_touch(
     assert list(found) == [("floor_contact", None)]
     assert found["floor_contact", None].effect.depth == pytest.approx(0.25 - height, abs=0.002)
     assert found["floor_contact", None].confidence > 0.6
-
-
-@pytest.mark.parametrize("shape", ["sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh"])
-def test_the_lowest_point_of_a_shape_is_where_a_plane_first_touches(shape: str):
-    vertices = "0 0 0  .1 0 0  0 .07 0  0 0 .05  .03 .04 .06"
-    geom = f'type="{shape}" size=".05 .03 .02"' if shape != "mesh" else 'type="mesh" mesh="m"'
-    model = mujoco.MjModel.from_xml_string(
-        f'<mujoco><asset><mesh name="m" vertex="{vertices}"/></asset><worldbody><geom type="plane" size="9 9 1"/>'
-        f'<body pos="0 0 .4"><joint axis="1 2 3"/><geom {geom} euler="20 40 60" margin="9"/></body></worldbody>'
-        "</mujoco>"
-    )
-    data = mujoco.MjData(model)
-    assert find_arm_geoms(model) == [1]
-    assert find_first_anchor(model)[2] == pytest.approx(0.4)
-    for angle in (-1.0, 0.3, 2.0):
-        data.qpos[0] = angle
-        mujoco.mj_forward(model, data)
-        touched = min(contact.dist for contact in data.contact)
-        assert find_lowest_point(model, data, [1]) == pytest.approx(touched, abs=1e-6)
 
 
 def test_an_arm_without_shapes_cannot_touch_a_floor(tmp_path):

@@ -1,8 +1,5 @@
-"""Work side by side: the same results in the same order, and each simulation hears its own warnings."""
+"""Work side by side: the same results in the same order."""
 
-import threading
-
-import mujoco
 import numpy as np
 import pytest
 from support.evidence_samples import commanded
@@ -11,7 +8,6 @@ from nas_data.effects.base import parse
 from nas_data.gap import side_by_side as module
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.side_by_side import is_sharing_cores, map_in_parallel
-from nas_data.mjcf.engine_warnings import collect_warnings
 
 
 @pytest.fixture(autouse=True)
@@ -46,39 +42,3 @@ def test_rollouts_are_the_same_to_the_bit():
         np.array_equal(nominal.predict(evidence, [effect]), found)
         for effect, found in zip(effects, together, strict=True)
     )
-
-
-def test_each_thread_hears_its_own_warnings_and_who_asked_before_hears_again():
-    """A thread whose simulation is sound is not told of another's that diverges."""
-    model = mujoco.MjModel.from_xml_string(
-        "<mujoco><worldbody><body><joint axis='1 0 0'/><geom size='.1'/></body></worldbody></mujoco>"
-    )
-    begun, done = threading.Barrier(2), threading.Barrier(2)
-    heard: dict[str, list[str]] = {}
-
-    def listen(name: str, speed: float) -> None:
-        data = mujoco.MjData(model)
-        data.qvel[:] = speed
-        with collect_warnings() as warnings:
-            begun.wait()
-            mujoco.mj_step(model, data)
-            done.wait()
-        heard[name] = warnings
-
-    before: list[str] = []
-    mujoco.set_mju_user_warning(before.append)
-    try:
-        threads = [threading.Thread(target=listen, args=pair) for pair in [("sound", 0.0), ("lost", np.nan)]]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        assert heard["lost"]
-        assert not heard["sound"]
-        assert not before
-        data = mujoco.MjData(model)
-        data.qvel[:] = np.nan
-        mujoco.mj_step(model, data)
-        assert before
-    finally:
-        mujoco.set_mju_user_warning(None)
