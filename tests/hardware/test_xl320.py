@@ -23,10 +23,11 @@ from nas_data.hardware.xl320.calibration import default_path, read_calibration, 
 from nas_data.hardware.xl320.configuration import Configuration
 from nas_data.hardware.xl320.control_table import REGISTERS
 from nas_data.hardware.xl320.ergojr import make_ergojr_joints
+from nas_data.hardware.xl320.port import LENIENCE
 from nas_data.hardware.xl320.units import CENTRE, SPEED_UNIT, TICK, decode_sign_magnitude, encode_sign_magnitude
 
 JOINTS = make_ergojr_joints()
-BOUND = 3.0  # [s] within which every refusal has come, on a machine that does other things
+BOUND = 75 * LENIENCE  # [s] most time that waiting for replies may take
 FAST = Configuration(speed=0.0)
 
 
