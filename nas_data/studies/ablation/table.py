@@ -1,7 +1,6 @@
 """Table of a sweep: median and spread over seeds, with the baselines in the last rows."""
 
 import math
-from collections.abc import Sequence
 
 from nas_data.joint_units import HINGE, JointUnit
 from nas_data.policies.tables import align_columns
@@ -51,9 +50,9 @@ def format_table(summary: SweepSummary) -> str:
     return f"{title}\n{align_columns(HEADERS, make_rows(summary))}"
 
 
-def format_markdown(summary: SweepSummary, notes: Sequence[str]) -> str:
-    """Return the table and notes as Markdown."""
+def format_markdown(summary: SweepSummary) -> str:
+    """Return the table and what the sweep found as Markdown."""
     lines = ["| " + " | ".join(row) + " |" for row in (HEADERS, ["---"] * len(HEADERS), *make_rows(summary))]
     what = "degrees" if summary.shown is HINGE else "millimetres"
     head = f"Position RMSE on held-out episodes, mean of the episodes, in {what}; spread over seeds."
-    return "\n\n".join([head, "\n".join(lines), *notes]) + "\n"
+    return "\n\n".join([head, "\n".join(lines), summary.sentence()]) + "\n"
