@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from nas_data.policies.evaluate import Group, Returns, summarise_spread
+from nas_data.text_table import format_table
 
 HEADERS = ("policy", "seeds", "return: median", "min … max", "mean ± sd", "success: median", "min … max")
 
@@ -28,15 +29,4 @@ def format_policy_table(groups: Sequence[Group], baselines: Mapping[str, Returns
         (name, "", f"{score.mean_return:.2f}", "", "", f"{score.success_rate:.0%}", "")
         for name, score in baselines.items()
     ]
-    return align_columns(HEADERS, rows)
-
-
-def align_columns(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table as text: the first column left, the others right."""
-    widths = [max(len(row[column]) for row in (headers, *rows)) for column in range(len(headers))]
-    lines = [
-        "  ".join([f"{row[0]:<{widths[0]}}", *(f"{c:>{w}}" for c, w in zip(row[1:], widths[1:], strict=True))])
-        for row in (headers, *rows)
-    ]
-    lines.insert(1, "  ".join("-" * width for width in widths))
-    return "\n".join(line.rstrip() for line in lines)
+    return format_table(HEADERS, rows)
