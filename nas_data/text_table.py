@@ -11,13 +11,10 @@ def align_columns(rows: Sequence[Sequence[str]], left: Collection[int] = (0,), l
         left: Numbers of the columns whose cells stand left; the others stand right.
         least: Smallest width of a column that stands right.
     """
-    columns = [
-        [
-            f"{cell:<{max(map(len, cells))}}" if number in left else f"{cell:>{max(least, *map(len, cells))}}"
-            for cell in cells
-        ]
-        for number, cells in enumerate(zip(*rows, strict=True))
-    ]
+    columns = []
+    for number, cells in enumerate(zip(*rows, strict=True)):
+        width = max(map(len, cells))
+        columns.append([cell.ljust(width) if number in left else cell.rjust(max(width, least)) for cell in cells])
     return ["  ".join(cells).rstrip() for cells in zip(*columns, strict=True)]
 
 
