@@ -4,9 +4,10 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Literal
 
+from nas_data.count_of import join_items
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_parts import GapErrors, Retuned, Unexplained
-from nas_data.gap.showing.page_words import LIKELY, format_figures, format_value, join_items, list_effects
+from nas_data.gap.showing.page_words import LIKELY, format_figures, format_value, list_effects
 
 
 def describe_verdict(report: GapReport) -> str:

@@ -1,7 +1,6 @@
 """Third stage of the demo: φ and ψ are trained in parallel, and compared with the names on held-out episodes."""
 
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from nas_data.metrics import Errors
 from nas_data.models.evaluation import MODEL, Evaluation, evaluate
 from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
-from nas_data.runs.parallel import run_jobs
+from nas_data.runs.parallel import count_cores, run_jobs
 from nas_data.runs.progress import Report, say
 from nas_data.runs.stages import INDENT, StageResult
 from nas_data.sources import find_source
@@ -113,8 +112,3 @@ def load_rollouts(path: Path) -> dict[str, np.ndarray]:
     """Return the stored positions [rad], shape (E, T, n): measured, then by predictor in the order of tables."""
     kept = load_file(path)
     return {name: kept[name] for name in ("measured", *SHOWN) if name in kept}
-
-
-def count_cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0))

@@ -6,12 +6,13 @@ import numpy as np
 
 from nas_data.atomic_file import write_atomic
 from nas_data.benchmarks.hardware import read_hardware
+from nas_data.count_of import join_items
 from nas_data.dataset.provenance import format_current_time, read_provenance
 from nas_data.gap.report import GapReport
 from nas_data.gap.showing.page_charts import draw_joint_errors as errors_by_joint
 from nas_data.gap.showing.page_tables import NONE, make_joints_table
 from nas_data.gap.showing.page_verdict import describe_verdict
-from nas_data.gap.showing.page_words import as_words, format_confidence, format_interval, format_value, join_items
+from nas_data.gap.showing.page_words import as_words, format_confidence, format_interval, format_value
 from nas_data.gap.showing.series import Series
 from nas_data.joint_units import HINGE
 from nas_data.reports.charts import make_axis, make_log_axis, make_motion_chart, make_spread
