@@ -225,11 +225,6 @@ def _number(path: Path) -> int:
     return int(match.group(1)) if match else 0
 
 
-def _select_source_hashes(files: Mapping[str, str]) -> dict[str, str]:
-    """Return the hashes of the source model's files; equal rows with another source are another version."""
-    return {name: files[name] for name in (SOURCE, SOURCE_EFFECTS) if name in files}
-
-
 def _find_same_version(
     home: Path, digest: str, files: Mapping[str, str], damaged: Path | None = None, carries: bool = False
 ) -> Path | None:
@@ -247,8 +242,10 @@ def _find_same_version(
     """
 
     def identity(hashes: Mapping[str, str]) -> dict[str, str]:
+        # equal rows with another source are another version
+        source = {name: hashes[name] for name in (SOURCE, SOURCE_EFFECTS) if name in hashes}
         stored = {name: value for name, value in hashes.items() if name.startswith(CARRYING)}
-        return _select_source_hashes(hashes) | (stored if carries else {})
+        return source | (stored if carries else {})
 
     for path in reversed(list_versions(home)):
         if path.name.endswith(digest[:8]) and not (damaged and path.samefile(damaged)):

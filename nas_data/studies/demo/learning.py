@@ -15,7 +15,7 @@ from nas_data.models.evaluation import MODEL, Evaluation, evaluate
 from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
 from nas_data.runs.parallel import count_cores, run_jobs
-from nas_data.runs.progress import Report, say
+from nas_data.runs.progress import say
 from nas_data.runs.stages import INDENT, StageResult
 from nas_data.sources import find_source
 from nas_data.studies.demo.naming import read_named_dynamics
@@ -36,12 +36,8 @@ ErrorTable = dict[str, dict[str, float]]
 
 def learn(job: ModelJob) -> list[dict[str, float]]:
     """Train one of the two models; its name is part of each progress line."""
-    return train_model(job, make_reporter("φ" if job.kind == "delta" else "ψ"))
-
-
-def make_reporter(name: str) -> Report:
-    """Return a report that prints the model's name in each line."""
-    return lambda line: say(f"{INDENT}{name}  {line}")
+    name = "φ" if job.kind == "delta" else "ψ"
+    return train_model(job, lambda line: say(f"{INDENT}{name}  {line}"))
 
 
 def learn_models(demo: Demo) -> StageResult:

@@ -46,11 +46,12 @@ LEARNERS = ("source", "source + φ", "ψ", NAMES)  # predictors in the trajector
 def write_page(demo: Demo) -> StageResult:
     """Write the page."""
     runs = find_runs([demo.folder / folder for folder in (*FOLDERS.values(), POLICIES)])
+    summaries = [line for name in ("names", "models", "policies") for line in read_stage(name, demo.folder).summary]
     page = HtmlPage(
         "The gap between a simulator and its robot: recorded, learned, closed",
         [
             PageSection("", [Text(LEAD, lead=True), *(Text(line) for line in describe_demo(demo.plan))]),
-            PageSection("In short", [Text(line + ".") for line in list_summaries(demo)]),
+            PageSection("In short", [Text(line + ".") for line in summaries]),
             PageSection("What the simulator lacks, by name", make_names_blocks(demo)),
             PageSection("One joint, as it moved and as it was predicted", [make_predictions_chart(demo)]),
             PageSection("Errors of prediction", make_errors_blocks(demo)),
@@ -67,11 +68,6 @@ def write_page(demo: Demo) -> StageResult:
 def list_joints_with(plan: DemoPlan, effect: str) -> list[str]:
     """Return the joints in which the target has an effect."""
     return [item.joint for item in plan.task.effects(plan.dynamics) if item.name() == effect and item.joint]
-
-
-def list_summaries(demo: Demo) -> list[str]:
-    """Return the summaries of the stages."""
-    return [line for name in ("names", "models", "policies") for line in read_stage(name, demo.folder).summary]
 
 
 def describe_demo(plan: DemoPlan) -> list[str]:
