@@ -48,7 +48,7 @@ class RobotErgojr(Command):
 
     def run(self) -> CommandResult:
         """Look, and do what is asked for."""
-        from nas_data.hardware.virtual_bus.ports import VIRTUAL, port_of
+        from nas_data.hardware.virtual_bus.process import VIRTUAL, port_of
         from nas_data.hardware.xl320.arm import Xl320Arm
         from nas_data.hardware.xl320.calibration import default_path, find_joints
         from nas_data.hardware.xl320.ergojr import make_ergojr_joints

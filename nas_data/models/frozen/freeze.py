@@ -13,8 +13,7 @@ def freeze(model: DynamicsModel, size: int) -> FrozenNetwork:
         size: Number of rows, B.
     """
     try:
-        from nas_data.models.frozen.onnx_network import OnnxNetwork
-        from nas_data.models.frozen.onnx_torques import OnnxTorques
+        from nas_data.models.frozen.onnx_network import OnnxNetwork, OnnxTorques
     except ImportError:
         return TorchNetwork(model, size)
     return OnnxTorques(model, size) if model.corrects == "command" else OnnxNetwork(model, size)
