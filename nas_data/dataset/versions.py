@@ -166,7 +166,7 @@ def find_home(path: Path) -> tuple[Path, str]:
     """
     home = path.resolve()
     if not VERSION.fullmatch(home.name):
-        return FOLDER, _make_dataset_name(home)
+        return FOLDER, re.sub(r"[^A-Za-z0-9._-]+", "_", home.name).lstrip("._-") or "dataset"
     # Keep the path as the user gave it, for short messages.
     shown = path.parent if path.parent.resolve() == home.parent and path.parent.name else home.parent
     return shown.parent, shown.name
@@ -213,11 +213,6 @@ def check_destination(*, out: Path | None = None, name: str = "dataset", parent:
     folder, name = (FOLDER, name) if parent is None else find_home(resolve(parent))
     check_name(name)
     return check_creatable(folder / name / "version")
-
-
-def _make_dataset_name(root: Path) -> str:
-    """Return the dataset name that a folder gives."""
-    return re.sub(r"[^A-Za-z0-9._-]+", "_", root.name).lstrip("._-") or "dataset"
 
 
 def _number(path: Path) -> int:
