@@ -7,6 +7,7 @@ import numpy as np
 
 from nas_data.count_of import count_of
 from nas_data.joint_units import JointUnit, format_table_unit, group_by_kind, list_unit_factors
+from nas_data.text_table import align_columns
 
 
 @dataclass(frozen=True, repr=False)
@@ -120,18 +121,15 @@ def format_error_table(rows: Mapping[str, Errors], title: str) -> str:
     predictor that diverges in any episode has no mean error; its row says so.
     """
     one = next(iter(rows.values()))
-    joints, scale = one.joints, list_unit_factors(one.joints, one.slides)
-    widths = [max(7, len(joint)) for joint in joints]
-    names = max(len(name) for name in rows)
-    head = "  ".join(f"{joint:>{width}}" for joint, width in zip(joints, widths, strict=True))
-    pooled = "".join(f"{unit.kind if len(one.kinds) > 1 else 'all':>9}" for unit, _ in one.kinds)
-    lines = [f"{title} [{format_table_unit(joints, one.slides)}]", f"  {'':<{names}}  {head}{pooled}  mean of episodes"]
+    scale = list_unit_factors(one.joints, one.slides)
+    pooled = [unit.kind if len(one.kinds) > 1 else "all" for unit, _ in one.kinds]
+    table = [["", *one.joints, *pooled, "mean of episodes"]]
     for name, errors in rows.items():
         if not np.isfinite(errors.overall):
-            lines.append(f"  {name:<{names}}  {'diverged':>{len(lines[1]) - names - 4}}")
+            table.append([name, *[""] * (len(table[0]) - 2), "diverged"])
             continue
-        values = scale * list(errors.per_joint.values())
-        cells = "  ".join(f"{value:{width}.3f}" for value, width in zip(values, widths, strict=True))
-        overall = "".join(f"{unit.factor * value:9.3f}" for unit, value in errors.overall_by_kind)
-        lines.append(f"  {name:<{names}}  {cells}{overall}  {errors.unit.factor * errors.mean_of_episodes:16.3f}")
-    return "\n".join(lines)
+        overall = [unit.factor * value for unit, value in errors.overall_by_kind]
+        mean = errors.unit.factor * errors.mean_of_episodes
+        table.append([name, *(f"{value:.3f}" for value in (*scale * list(errors.per_joint.values()), *overall, mean))])
+    heading = f"{title} [{format_table_unit(one.joints, one.slides)}]"
+    return "\n".join([heading, *(f"  {line}" for line in align_columns(table, least=7))])

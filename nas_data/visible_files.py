@@ -10,9 +10,4 @@ HIDDEN = (".", "~$")
 def list_visible_files(folder: Path, pattern: str = "*") -> list[Path]:
     """Return what a pattern finds below a folder, sorted, without hidden files and what lies in hidden folders."""
     found = folder.glob(pattern)
-    return sorted(path for path in found if not any(map(is_hidden, path.relative_to(folder).parts)))
-
-
-def is_hidden(name: str) -> bool:
-    """Whether a name hides its file or folder."""
-    return name.startswith(HIDDEN)
+    return sorted(path for path in found if not any(part.startswith(HIDDEN) for part in path.relative_to(folder).parts))

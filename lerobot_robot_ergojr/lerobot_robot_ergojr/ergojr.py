@@ -10,7 +10,7 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 
 from lerobot_robot_ergojr.config_ergojr import ErgoJrConfig
 from nas_data.dataset.features import make_position_feature, make_state_feature
-from nas_data.hardware.virtual_bus.ports import VIRTUAL, port_of
+from nas_data.hardware.virtual_bus.process import VIRTUAL, port_of
 from nas_data.hardware.xl320.arm import Xl320, Xl320Arm
 from nas_data.hardware.xl320.calibration import compute_zero_offsets, read_calibration, write_calibration
 from nas_data.hardware.xl320.configuration import Configuration

@@ -15,6 +15,7 @@ from nas_data.count_of import count_of
 from nas_data.environment_ids import make_environment_id
 from nas_data.envs.base import find_task_file
 from nas_data.errors import CheckpointError, JointMismatch, OptionError
+from nas_data.policies.learner import make_ppo
 from nas_data.policies.policy import CLIP, EPSILON, MEAN, VARIANCE, Policy, find_policies
 from nas_data.policies.policy import load_policy as read_policy
 
@@ -63,28 +64,8 @@ def load_policy(
         raise CheckpointError(f"{folder} does not say how its policy was trained; train it again.")
     env = env or gymnasium.make(f"nas_data:{make_environment_id(find_task_file(policy.environment))}")
     check_spaces(policy, env)
-    ppo = PPO(
-        ActorCriticPolicy,
-        env,
-        learning_rate=settings.learning_rate,
-        n_steps=settings.rollout // (env.num_envs if isinstance(env, VecEnv) else 1),
-        batch_size=settings.rollout // settings.minibatches,
-        n_epochs=settings.epochs,
-        gamma=settings.discount,
-        gae_lambda=settings.trace,
-        clip_range=settings.clip,
-        ent_coef=settings.entropy_weight,
-        vf_coef=settings.value_weight,
-        max_grad_norm=settings.gradient_norm,
-        policy_kwargs={
-            "net_arch": {"pi": list(settings.hidden), "vf": list(settings.hidden)},
-            "activation_fn": torch.nn.Tanh,
-            "features_extractor_class": Normalise,
-            "optimizer_kwargs": {"eps": 1e-5},
-        },
-        seed=policy.seed,
-        device="cpu",
-    )
+    options = {"features_extractor_class": Normalise, "optimizer_kwargs": {"eps": 1e-5}}
+    ppo = make_ppo(ActorCriticPolicy, env, settings, policy.seed, options)
     fill(ppo, policy, Path(folder))
     ppo.num_timesteps = policy.frames
     return ppo

@@ -16,7 +16,7 @@ from nas_data.errors import OptionError
 from nas_data.models.augmented import AugmentedStepper
 from nas_data.models.lstm import DynamicsModel
 from nas_data.policies.hyperparameters import Hyperparameters
-from nas_data.policies.learner import make_ppo
+from nas_data.policies.learner import make_silent_ppo
 from nas_data.simulators.mujoco import MujocoSimulator
 
 MOST = 64  # environments of a side
@@ -80,7 +80,7 @@ def make_random_phi() -> DynamicsModel:
 def make_ppo_update(environment: VecEnv, frames: int) -> Work:
     """Return a function that does one rollout and its update, and continues from there at the next call."""
     p = Hyperparameters(arms=environment.num_envs, rollout=frames, minibatches=max(1, frames // MINIBATCH))
-    ppo = make_ppo(VecNormalize(environment, gamma=p.discount), p, seed=0)
+    ppo = make_silent_ppo(VecNormalize(environment, gamma=p.discount), p, seed=0)
 
     def work() -> int:
         before = ppo.num_timesteps

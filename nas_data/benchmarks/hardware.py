@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from nas_data.dataset.provenance import read_package_versions
+from nas_data.runs.parallel import count_cores
 
 CPUINFO = Path("/proc/cpuinfo")
 
@@ -34,7 +35,7 @@ def read_hardware() -> Hardware:
     """Return the hardware of this machine, and its load."""
     return Hardware(
         processor=read_processor_model(),
-        cores=len(os.sched_getaffinity(0)),
+        cores=count_cores(),
         load=round(os.getloadavg()[0], 1),
         system=f"{platform.system()} {platform.machine()}",
         versions=read_package_versions(),

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from nas_data.benchmarks.hardware import read_hardware
 from nas_data.benchmarks.rounds import Ratio, Times
+from nas_data.text_table import align_columns
 from nas_data.typed_json import as_object
 
 
@@ -55,15 +56,13 @@ class BenchmarkResult:
 
     def _format_table(self) -> list[str]:
         """Return one line per side with its times; the last column is the shortest processor time."""
-        heading, factor = f"{self.unit.heading} in round", self.unit.factor
-        width = max(len(name) for name in (heading, *self.times))
-        rounds = len(next(iter(self.times.values())).wall)
-        head = "".join(f"{number:>8}" for number in range(1, rounds + 1))
-        lines = [f"{heading:<{width}}{head}     cpu"]
-        for name, times in self.times.items():
-            cells = "".join(f"{seconds * factor:8.4g}" for seconds in times.wall)
-            lines.append(f"{name:<{width}}{cells}{min(times.cpu) * factor:8.4g}")
-        return lines
+        rounds = range(1, len(next(iter(self.times.values())).wall) + 1)
+        rows = [[f"{self.unit.heading} in round", *map(str, rounds), "cpu"]]
+        rows += [
+            [name, *(f"{seconds * self.unit.factor:.4g}" for seconds in (*times.wall, min(times.cpu)))]
+            for name, times in self.times.items()
+        ]
+        return align_columns(rows, least=6)
 
     def to_json(self) -> dict[str, object]:
         """Return the result for JSON; times are in the unit of their key."""

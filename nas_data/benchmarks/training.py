@@ -1,18 +1,22 @@
-"""Our training of φ against the paper's recipe: processor time to the same held-out loss."""
+"""Our training of φ against the paper's recipe: learning curves, and processor time to the same held-out loss."""
 
-from collections.abc import Mapping, Sequence
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from nas_data.api.recording import record
 from nas_data.benchmarks.bulk import pair_folder, write_version
-from nas_data.benchmarks.learning_curve import Curve, Point, find_time_to_loss, learn
 from nas_data.benchmarks.result import SECONDS, BenchmarkResult
 from nas_data.benchmarks.rounds import Ratio, Times
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
 from nas_data.envs.ergo_reacher import TASK
-from nas_data.models.presets import preset
+from nas_data.models.optimiser import Optimiser
+from nas_data.models.presets import TrainingOptions, preset
+from nas_data.models.threads import one_thread
+from nas_data.models.training import ModelTraining
 from nas_data.runs.progress import say
 
 ENVIRONMENT, DYNAMICS = "ErgoReacher", "backlash"
@@ -22,6 +26,24 @@ FAST = preset("fast", updates=0)
 RECIPE = replace(FAST, relative=PAPER.relative, shortcut=PAPER.shortcut)
 WANTED = 8.0
 WANTED_TUNED = 1.0
+
+
+@dataclass(frozen=True)
+class Point:
+    """The end of an epoch.
+
+    Attributes:
+        cpu: Processor time since the start of the training [s], without validations.
+        wall: Elapsed time [s], without validations.
+        loss: Best one-step error on the held-out episodes so far, mean square in units of the target's spread.
+    """
+
+    cpu: float
+    wall: float
+    loss: float
+
+
+Curve = tuple[Point, ...]
 
 
 @dataclass(frozen=True)
@@ -130,3 +152,56 @@ def describe_losses(race: Race) -> str:
         f"held-out loss {paper.loss:.3f} by the paper's recipe in {len(race.paper)} epochs, {tuned.loss:.3f} at a "
         f"tenth of its learning rate; {fast.loss:.3f} by ours in {fast.cpu:.1f} s."
     )
+
+
+@one_thread()
+def learn(dataset: Dataset, options: TrainingOptions, enough: Callable[[Point], bool]) -> Curve:
+    """Train φ by teacher forcing, epoch by epoch.
+
+    Args:
+        dataset: Paired episodes.
+        options: Options of the training.
+        enough: Called after each epoch; the training stops if it returns True, or at the end of its schedule.
+
+    Returns:
+        One point per epoch, at least one. The first includes the time before the first epoch (normalisation and the
+        closed-form fit of the shortcut).
+    """
+    clock = Stopwatch()
+    training = ModelTraining("delta", dataset, options, device="cpu")
+    descent, curve = Optimiser(training), list[Point]()
+    for epoch in range(options.epochs):
+        first = epoch * training.phase.per_validation
+        for number in range(first, first + training.phase.per_validation):
+            descent.update(number)
+        clock.stop()
+        best = min(training.validation_error(), curve[-1].loss if curve else math.inf)
+        curve.append(Point(clock.cpu, clock.wall, best))
+        if enough(curve[-1]):
+            break
+        clock.go()
+    return tuple(curve)
+
+
+def find_time_to_loss(curve: Curve, loss: float) -> tuple[float, float]:
+    """Return the processor and elapsed time [s] at which a held-out loss was reached; infinite if never."""
+    return next(((point.cpu, point.wall) for point in curve if point.loss <= loss), (math.inf, math.inf))
+
+
+class Stopwatch:
+    """Processor and elapsed time [s]."""
+
+    def __init__(self) -> None:
+        """Start at zero."""
+        self.cpu = self.wall = 0.0
+        self.go()
+
+    def go(self) -> None:
+        """Continue."""
+        self._since = time.process_time(), time.perf_counter()
+
+    def stop(self) -> None:
+        """Stop; `cpu` and `wall` hold the time so far."""
+        cpu, wall = self._since
+        self.cpu += time.process_time() - cpu
+        self.wall += time.perf_counter() - wall

@@ -76,7 +76,7 @@ class Ablate(TakesModel):
     def run(self) -> CommandResult:
         """Check, sweep and summarise."""
         from nas_data.runs.environment_info import find_commit
-        from nas_data.studies.ablation import inflation, summary, table, write
+        from nas_data.studies.ablation import summary, table, write
         from nas_data.studies.ablation.checks import check
         from nas_data.studies.ablation.executors.base import find_executor
         from nas_data.studies.ablation.sweep import open_sweep, run_sweep
@@ -89,26 +89,22 @@ class Ablate(TakesModel):
         trials = plan.trials(content, self.out)
         with open_sweep(self.out, plan.identity(content)), report_elapsed("trials are running", HEARTBEAT):
             results = run_sweep(trials, executor, self.workers, self.retry, say)
-        cost = inflation.read(self.out)
         found = summary.SweepSummary.of([(trial.config, result) for trial, result in zip(trials, results, strict=True)])
-        notes = [cost.sentence()] if cost else []
         more: dict[str, object] = {
             "sweep": {**plan.identity(content), "effects": content.effects},
             "seeds": plan.seeds,
             "trials": len(trials),
             "code": {trial.config.kind: trial.code for trial in trials},
             "commit": find_commit(),
-            "inflation": cost and cost.to_json(),
             "wall_seconds": sum(result.wall_seconds for result in results),
             "cpu_seconds": sum(result.cpu_seconds for result in results),
         }
-        files = write.write(self.out, found, more, notes)
+        files = write.write(self.out, found, more)
         failed = [f"failed: {sentence}" for sentence in found.failed]
         text = [
             table.format_table(found),
             "",
             found.sentence(),
-            *notes,
             *failed,
             *(f"→ {path}" for path in files.values()),
         ]

@@ -56,8 +56,8 @@ def describe_content(found: "Difference") -> Iterator[str]:
         yield f"  rate: {found.rates[0]:g} Hz in A, {found.rates[1]:g} Hz in B"
     if found.robots:
         yield f"  robot: {found.robots[0]} in A, {found.robots[1]} in B"
-    equal = f"{found.equal_episodes} equal{describe_moved(found)}"
-    yield f"  episodes: {found.counts[0]} in A, {found.counts[1]} in B; {equal}"
+    moved = f", {found.moved} of them at another place" if found.moved else ""
+    yield f"  episodes: {found.counts[0]} in A, {found.counts[1]} in B; {found.equal_episodes} equal{moved}"
     for side, episodes in zip("AB", found.unmatched, strict=True):
         if episodes:
             yield f"  episodes only in {side}: {list_first(episodes)}"
@@ -72,11 +72,6 @@ def describe_content(found: "Difference") -> Iterator[str]:
     yield from (f"  task of episode {i}/{j}: '{a}' in A, '{b}' in B" for i, j, a, b in found.tasks[:SHOWN])
     if len(found.tasks) > SHOWN:
         yield f"  … and {len(found.tasks) - SHOWN} more tasks (--json lists all)"
-
-
-def describe_moved(found: "Difference") -> str:
-    """Say how many equal episodes stand at another place."""
-    return f", {found.moved} of them at another place" if found.moved else ""
 
 
 def list_first(items: tuple[int, ...] | list[str]) -> str:

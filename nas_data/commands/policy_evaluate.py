@@ -98,9 +98,8 @@ class PolicyEvaluate(Command):
     def _evaluate_in_simulation(self) -> CommandResult:
         from nas_data.envs.base import SOURCE
         from nas_data.envs.loop.dynamics_spec import DynamicsSpec
-        from nas_data.policies.evaluate import score_baselines, score_group
+        from nas_data.policies.evaluate import format_policy_table, score_baselines, score_group
         from nas_data.policies.policy import find_policies, load_policy
-        from nas_data.policies.tables import format_policy_table
 
         first = load_policy(find_policies(self.policies[0])[0])
         effects = None if self.effects is None else str(self.effects)

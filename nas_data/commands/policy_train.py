@@ -47,8 +47,8 @@ class PolicyTrain(Command):
         trainings = self._list_trainings()
         from nas_data.policies.policy import load_policy, read_progress
         from nas_data.policies.ppo import train_job
-        from nas_data.policies.tables import align_columns
         from nas_data.runs.parallel import run_jobs
+        from nas_data.text_table import format_table
 
         what = "named-augmented" if self.on == "augmented" and self.effects else self.on
         folder = self.out or Path("runs/policy") / f"{self.env.removeprefix('nas/')}-{what}"
@@ -70,7 +70,7 @@ class PolicyTrain(Command):
         headers = ("seed", "frames", "return", "success", "frames/s", "policy")
         text = [
             f"Trained in {self.env}, {what}; return and success while exploring, in the last rollout:",
-            align_columns(headers, [rows[number] for number in sorted(rows)]),
+            format_table(headers, [rows[number] for number in sorted(rows)]),
             f"Next: nas policy evaluate {folder}",
         ]
         return CommandResult(

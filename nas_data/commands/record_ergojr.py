@@ -77,7 +77,7 @@ class RecordErgojr(RecordArm):
     @contextmanager
     def driver(self) -> "Iterator[Driver]":
         """See `RecordArm`."""
-        from nas_data.hardware.virtual_bus.ports import port_of
+        from nas_data.hardware.virtual_bus.process import port_of
         from nas_data.hardware.xl320.arm import Xl320
 
         configuration = self._configuration()

@@ -9,6 +9,7 @@ import tyro
 
 from nas_data.commands.base import Command, CommandResult
 from nas_data.errors import OptionError
+from nas_data.text_table import align_columns
 
 if TYPE_CHECKING:
     from nas_data.hardware.xl320.arm import Xl320Arm
@@ -47,7 +48,7 @@ class RobotErgojr(Command):
 
     def run(self) -> CommandResult:
         """Look, and do what is asked for."""
-        from nas_data.hardware.virtual_bus.ports import VIRTUAL, port_of
+        from nas_data.hardware.virtual_bus.process import VIRTUAL, port_of
         from nas_data.hardware.xl320.arm import Xl320Arm
         from nas_data.hardware.xl320.calibration import default_path, find_joints
         from nas_data.hardware.xl320.ergojr import make_ergojr_joints
@@ -111,15 +112,13 @@ class RobotErgojr(Command):
 
 
 def format_servos(servos: "Sequence[FoundServo]", arm: "Xl320Arm") -> list[str]:
-    """Return a line of what is found for each servo; where the joints stand in degrees."""
-    return [
-        "joint  id  model  firmware  supply  warmth  position  torque  errors",
-        *(format_servo(s, arm) for s in servos),
-    ]
+    """Return a table of the servos found; positions in degrees."""
+    heading = ("joint", "id", "model", "firmware", "supply", "warmth", "position", "torque", "errors")
+    return align_columns([heading, *(make_servo_row(servo, arm) for servo in servos)], left=(0, len(heading) - 1))
 
 
-def format_servo(servo: "FoundServo", arm: "Xl320Arm") -> str:
-    """Return the line of one servo."""
+def make_servo_row(servo: "FoundServo", arm: "Xl320Arm") -> tuple[str, ...]:
+    """Return the cells of one servo."""
     import numpy as np
 
     joint, angle = "?", ""
@@ -128,9 +127,15 @@ def format_servo(servo: "FoundServo", arm: "Xl320Arm") -> str:
         joint = arm.joints.names[place]
         angle = f"{np.degrees(arm.joints.positions(np.full(len(arm.joints.ids), servo.ticks))[place]):.1f}°"
     return (
-        f"{joint:<5} {servo.id:>3}  {servo.model:>5}  {servo.firmware:>8}  {servo.voltage:>4.1f} V"
-        f"  {servo.temperature:>3} °C  {angle:>8}  {'on' if servo.torque else 'off':>6}"
-        f"  {', '.join(servo.errors) or '–'}"
+        joint,
+        str(servo.id),
+        str(servo.model),
+        str(servo.firmware),
+        f"{servo.voltage:.1f} V",
+        f"{servo.temperature} °C",
+        angle,
+        "on" if servo.torque else "off",
+        ", ".join(servo.errors) or "–",
     )
 
 

@@ -166,7 +166,7 @@ def find_home(path: Path) -> tuple[Path, str]:
     """
     home = path.resolve()
     if not VERSION.fullmatch(home.name):
-        return FOLDER, _make_dataset_name(home)
+        return FOLDER, re.sub(r"[^A-Za-z0-9._-]+", "_", home.name).lstrip("._-") or "dataset"
     # Keep the path as the user gave it, for short messages.
     shown = path.parent if path.parent.resolve() == home.parent and path.parent.name else home.parent
     return shown.parent, shown.name
@@ -215,19 +215,9 @@ def check_destination(*, out: Path | None = None, name: str = "dataset", parent:
     return check_creatable(folder / name / "version")
 
 
-def _make_dataset_name(root: Path) -> str:
-    """Return the dataset name that a folder gives."""
-    return re.sub(r"[^A-Za-z0-9._-]+", "_", root.name).lstrip("._-") or "dataset"
-
-
 def _number(path: Path) -> int:
     match = VERSION.fullmatch(path.name)
     return int(match.group(1)) if match else 0
-
-
-def _select_source_hashes(files: Mapping[str, str]) -> dict[str, str]:
-    """Return the hashes of the source model's files; equal rows with another source are another version."""
-    return {name: files[name] for name in (SOURCE, SOURCE_EFFECTS) if name in files}
 
 
 def _find_same_version(
@@ -247,8 +237,10 @@ def _find_same_version(
     """
 
     def identity(hashes: Mapping[str, str]) -> dict[str, str]:
+        # equal rows with another source are another version
+        source = {name: hashes[name] for name in (SOURCE, SOURCE_EFFECTS) if name in hashes}
         stored = {name: value for name, value in hashes.items() if name.startswith(CARRYING)}
-        return _select_source_hashes(hashes) | (stored if carries else {})
+        return source | (stored if carries else {})
 
     for path in reversed(list_versions(home)):
         if path.name.endswith(digest[:8]) and not (damaged and path.samefile(damaged)):

@@ -15,13 +15,12 @@ import pyarrow.parquet as pq
 from nas_data.dataset import layout
 from nas_data.dataset.card import render_card
 from nas_data.dataset.checks import check_storable
-from nas_data.dataset.combine_statistics import combine_statistics
 from nas_data.dataset.content import convert_column, hash_content
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.provenance import Provenance
 from nas_data.dataset.staging import publish, refuse_existing, staging_folder, write_synced
-from nas_data.dataset.statistics import Statistics, compute_statistics
+from nas_data.dataset.statistics import Statistics, combine_statistics, compute_statistics
 from nas_data.dataset.videos import VIDEO, VIDEO_PATH, place_videos
 from nas_data.typed_json import as_object
 

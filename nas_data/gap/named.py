@@ -59,7 +59,7 @@ class Named:
         if not self.retuned:
             return robot
         kept = {name: getattr(robot, name) for name in Robot.__dataclass_fields__ if name != "edit"}
-        edit = robot.edit or leave_unchanged  # an edit marks that the file alone is not the model
+        edit = robot.edit or (lambda _: None)  # an edit marks that the file alone is not the model
         return RetunedRobot(**kept, edit=edit, factors=self.retuned, measured=tuple(joints))
 
     def _check(self, robot: Robot, joints: Sequence[str]) -> None:
@@ -73,10 +73,6 @@ class Named:
                 f"{self.path} is about another robot: it names {strange[0]}, which {robot.name} lacks "
                 f"(its joints: {', '.join(joints)}); give a gap report of {robot.name}."
             )
-
-
-def leave_unchanged(spec: mujoco.MjSpec) -> None:
-    """Do nothing."""
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,13 @@
 """Parallel work on several hypotheses in threads, with one rollout thread each."""
 
-import os
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache
 from typing import TypeVar
+
+from nas_data.runs.parallel import count_cores
 
 Item = TypeVar("Item")
 Found = TypeVar("Found")
@@ -36,11 +37,6 @@ def on_one_core() -> Iterator[None]:
         yield
     finally:
         _here.shares = before
-
-
-def count_cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0))
 
 
 @cache

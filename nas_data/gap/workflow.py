@@ -18,13 +18,12 @@ from nas_data.gap.name import Naming, name
 from nas_data.gap.output_folder import check_output_folder, clear_report
 from nas_data.gap.problem import Problem
 from nas_data.gap.report import GapReport
-from nas_data.gap.report_parts import GapFindings, MadeFrom, TriedExperiment
+from nas_data.gap.report_parts import GapFindings, MadeFrom
 from nas_data.gap.showing.show import show
 from nas_data.gap.write_model import write_difference
 from nas_data.mjcf.export import check_portable
 from nas_data.robots.base import TORQUES
 from nas_data.runs.progress import Report, silence
-from nas_data.typed_json import from_json
 
 EXPERIMENT = "next_experiment.csv"
 
@@ -140,5 +139,5 @@ def propose_experiment(problem: Problem, naming: Naming, folder: Path, say: Repo
     except NasError as error:
         return Proposal(f"none could be computed: {error}")
     write_experiment(experiment, folder / EXPERIMENT)
-    compared = tuple(from_json(TriedExperiment, row) for row in experiment.to_json())
+    compared = tuple(row.describe() for row in experiment.table)
     return Proposal(f"{experiment.text} (commands in {EXPERIMENT})", compared)

@@ -49,7 +49,8 @@ def check_degrees(recording: Recording, mapping: Map) -> list[AuditFinding]:
     """Return errors for quantities in degrees whose numbers are so small that they are likely radians."""
     found = []
     for quantity, values in ((mapping.position, recording.positions), (mapping.command, recording.commands)):
-        degrees = _select_degrees(quantity, values)
+        in_degrees = [unit == "deg" for unit in quantity.conversion.units]
+        degrees = quantity.conversion.raw(values)[:, in_degrees]  # shape (N, k)
         if not degrees.size or np.ptp(degrees, axis=0).max() < AT_REST or np.abs(degrees).max() > SMALLEST_LIKELY:
             continue
         if quantity is mapping.command and not _contradicts_small_commands(recording, quantity):
@@ -71,9 +72,3 @@ def _contradicts_small_commands(recording: Recording, command: LogQuantity) -> b
         return True
     in_degrees = [unit == "deg" for unit in command.conversion.units]
     return bool(np.abs(np.degrees(recording.positions[:, in_degrees])).max() > SMALLEST_LIKELY)
-
-
-def _select_degrees(quantity: LogQuantity, values: np.ndarray) -> np.ndarray:
-    """Return the values that the map reads as degrees, shape (N, k)."""
-    in_degrees = [unit == "deg" for unit in quantity.conversion.units]
-    return quantity.conversion.raw(values)[:, in_degrees]

@@ -19,7 +19,8 @@ _precision_lock = threading.Lock()  # the precision is one setting of the proces
 def needs_files(spec: mujoco.MjSpec) -> bool:
     """Whether a model refers to files with meshes, textures, height fields or skins."""
     groups = (spec.meshes, spec.hfields, spec.skins)
-    return any(item.file for group in groups for item in group) or any(_from_file(item) for item in spec.textures)
+    textures = any(texture.file or any(texture.cubefiles) for texture in spec.textures)
+    return textures or any(item.file for group in groups for item in group)
 
 
 def count_colliding_geoms(spec: mujoco.MjSpec) -> int:
@@ -60,11 +61,6 @@ def format_exact_xml(spec: mujoco.MjSpec) -> bytes:
     """Return a compiled model as MJCF whose numbers read back exactly."""
     with _full_precision():
         return bytes(spec.to_xml().encode())
-
-
-def _from_file(texture: mujoco.MjsTexture) -> bool:
-    """Whether a texture is read from files."""
-    return bool(texture.file or any(texture.cubefiles))
 
 
 def _delete_references(spec: mujoco.MjSpec, geoms: set[str]) -> None:

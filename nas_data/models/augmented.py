@@ -4,7 +4,7 @@ import numpy as np
 
 from nas_data.errors import CheckpointError, JointMismatch
 from nas_data.models.divergence import is_out_of_bounds
-from nas_data.models.frozen.freeze import freeze
+from nas_data.models.frozen.base import freeze
 from nas_data.models.lstm import DynamicsModel
 from nas_data.simulators.base import Stepper
 

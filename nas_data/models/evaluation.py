@@ -19,6 +19,7 @@ from nas_data.models.threads import one_thread
 from nas_data.open_loop import make_batches, pad_commands, roll_out_source
 from nas_data.pairing import pair, read_initial_states
 from nas_data.simulators.base import Simulator, Stepper
+from nas_data.text_table import align_columns
 
 MODEL = {"delta": "source + φ", "forward": "ψ"}
 PLAIN = "plain fit"
@@ -68,14 +69,12 @@ class Evaluation:
         """Return a table of the open-loop errors by episode and predictor, for the first kind of joints."""
         names = list(self.open_loop)
         unit, *others = (unit for unit, _ in self.open_loop[names[0]].kinds)
-        rows = zip(*(unit.factor * np.array(self.open_loop[name].per_episode) for name in names), strict=True)
+        rows = list(zip(*(unit.factor * np.array(self.open_loop[name].per_episode) for name in names), strict=True))
         kind = f" of the {unit.kind}" if others else ""
-        lines = [
-            f"Open loop, each episode{kind} [{unit.shown}]",
-            "  episode" + "".join(f"{name:>13}" for name in names),
-        ]
-        lines += [f"  {i:7d}" + "".join(format_error(value) for value in row) for i, row in enumerate(rows)]
-        return "\n".join(lines[: 2 + EPISODES_SHOWN] + (["  …"] if len(lines) > 2 + EPISODES_SHOWN else []))
+        cells = [[f"{i:7d}", *map(format_error, row)] for i, row in enumerate(rows[:EPISODES_SHOWN])]
+        lines = align_columns([["episode", *names], *cells], least=11)
+        more = ["…"] if len(rows) > EPISODES_SHOWN else []
+        return "\n  ".join([f"Open loop, each episode{kind} [{unit.shown}]", *lines, *more])
 
     def to_json(self) -> dict[str, object]:
         """Return the errors [rad; m for slides] for the JSON report."""
@@ -106,7 +105,7 @@ def describe_divergence(name: str, times: Mapping[int, float], episodes: int) ->
 
 def format_error(value: float) -> str:
     """Return an error as a cell of the table of episodes."""
-    return f"{value:13.3f}" if np.isfinite(value) else f"{'diverged':>13}"
+    return f"{value:.3f}" if np.isfinite(value) else "diverged"
 
 
 @one_thread()

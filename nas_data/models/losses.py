@@ -188,7 +188,7 @@ class FreeRunning:
             states, refused, memory = self._step(inputs, stepper, memory)
             target = batch.targets[:, step].to(self.device)
             error = states - target
-            states = scale_gradient(states, self.options.discount)
+            states = torch.lerp(states.detach(), states, self.options.discount)  # same values, discounted gradient
             diverged = diverged | refused.to(self.device) | self._has_diverged(error.detach())
             if diverged.any():
                 states = torch.where(diverged[:, None], target, states)
@@ -288,11 +288,6 @@ class FreeRunning:
             return None
         rows = [self.jacobians[w.episode][(w.start + torch.arange(w.length)) // self.stride] for w in windows]
         return torch.stack(rows).to(self.device)
-
-
-def scale_gradient(values: Tensor, factor: float) -> Tensor:
-    """Return the same values, whose gradient is multiplied by a factor in the backward pass."""
-    return torch.lerp(values.detach(), values, factor)
 
 
 def has_cpu_bf16() -> bool:

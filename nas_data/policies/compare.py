@@ -17,10 +17,10 @@ from nas_data.policies.policy import load_policy, read_progress
 from nas_data.policies.ppo import check_folder, train
 from nas_data.policies.result import DivergedEpisodes, EvaluationTime, PolicyResult, read_result
 from nas_data.policies.share import ReturnRange, Share, compute_return_range, compute_share, format_share_heading
-from nas_data.policies.tables import align_columns
 from nas_data.runs.code_hash import hash_code
 from nas_data.runs.parallel import run_jobs
 from nas_data.runs.progress import Report, say, silence
+from nas_data.text_table import format_table
 
 SOURCE_METHOD, EXPERT_METHOD = "source", "expert"  # the lower and upper reference of the relative score
 
@@ -260,7 +260,7 @@ class Comparison:
         at_stake = self.at_stake()
         nothing = None if at_stake is None else at_stake.sentence()
         told = [*([nothing] if nothing else []), *self.shared(), *self.lost()]
-        return "\n".join([align_columns(headers, [self._row(method) for method in self.study.methods]), *told])
+        return "\n".join([format_table(headers, [self._row(method) for method in self.study.methods]), *told])
 
     def _row(self, method: str) -> tuple[str, ...]:
         returns, success = summarise_spread(self.values(method)), summarise_spread(self.values(method, "success_rate"))

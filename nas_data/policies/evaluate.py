@@ -1,4 +1,4 @@
-"""Evaluation of policies: return and success over the same episodes for every policy."""
+"""Evaluation of policies: return and success over the same episodes for every policy, and their table."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,10 @@ from nas_data.errors import CheckpointError, OptionError
 from nas_data.policies.policy import Policy, find_policies, load_policy
 from nas_data.policies.result import PolicyScore
 from nas_data.simulators.base import Stepper
+from nas_data.text_table import format_table
 from nas_data.typed_json import as_object
+
+HEADERS = ("policy", "seeds", "return: median", "min … max", "mean ± sd", "success: median", "min … max")
 
 SEED = 20180629  # seed of evaluation starts and goals; training seeds are hashed, so the episodes differ
 
@@ -210,3 +213,27 @@ def summarise_spread(values: np.ndarray) -> dict[str, float]:
         "mean": float(values.mean()),
         "sd": float(values.std(ddof=1)) if len(values) > 1 else 0.0,
     }
+
+
+def format_group_row(group: Group) -> tuple[str, ...]:
+    """Return one table row for policies that differ only in their seed."""
+    returns, success = summarise_spread(group.returns), summarise_spread(group.success_rates)
+    return (
+        group.name,
+        str(len(group.scores)),
+        f"{returns['median']:.2f}",
+        f"{returns['min']:.2f} … {returns['max']:.2f}",
+        f"{returns['mean']:.2f} ± {returns['sd']:.2f}",
+        f"{success['median']:.0%}",
+        f"{success['min']:.0%} … {success['max']:.0%}",
+    )
+
+
+def format_policy_table(groups: Sequence[Group], baselines: Mapping[str, Returns]) -> str:
+    """Return groups, then untrained baselines, as aligned text."""
+    rows = [format_group_row(group) for group in groups]
+    rows += [
+        (name, "", f"{score.mean_return:.2f}", "", "", f"{score.success_rate:.0%}", "")
+        for name, score in baselines.items()
+    ]
+    return format_table(HEADERS, rows)

@@ -3,15 +3,19 @@
 import math
 import sys
 import time
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 
+import gymnasium
 import numpy as np
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
+from nas_data.arrays import Array
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import SimulationDiverged
@@ -89,7 +93,7 @@ class Learner:
         self.arms = ArmVecEnv(training.plant.task, stepper)
         self.normalised = VecNormalize(self.arms, gamma=p.discount)
         self.progress: list[files.Row] = []
-        self.ppo = make_ppo(self.normalised, p, training.seed)
+        self.ppo = make_silent_ppo(self.normalised, p, training.seed)
 
     @property
     def done(self) -> int:
@@ -139,14 +143,27 @@ class Learner:
         self.ppo.set_env(self.normalised, force_reset=True)
 
 
-def make_ppo(environment: VecEnv, p: Hyperparameters, seed: int) -> PPO:
+def make_silent_ppo(environment: VecEnv, p: Hyperparameters, seed: int) -> PPO:
     """Return PPO that has learned nothing yet, silent and on one thread."""
     torch.set_num_threads(1)  # the networks are too small for several threads; other cores train other seeds
-    ppo = PPO(
-        ActorCritic,
+    ppo = make_ppo(ActorCritic, environment, p, seed, {"optimizer_kwargs": {"eps": 1e-5, "fused": True}})
+    ppo.set_logger(Logger(None, []))
+    return ppo
+
+
+def make_ppo(
+    networks: type[ActorCriticPolicy],
+    environment: gymnasium.Env[Array, Array] | VecEnv,
+    p: Hyperparameters,
+    seed: int,
+    options: Mapping[str, object],
+) -> PPO:
+    """Return PPO with these hyperparameters on the CPU; `options` are further arguments of `networks`."""
+    return PPO(
+        networks,
         environment,
         learning_rate=p.learning_rate,
-        n_steps=p.rollout // p.arms,
+        n_steps=p.rollout // (environment.num_envs if isinstance(environment, VecEnv) else 1),
         batch_size=p.rollout // p.minibatches,
         n_epochs=p.epochs,
         gamma=p.discount,
@@ -158,13 +175,11 @@ def make_ppo(environment: VecEnv, p: Hyperparameters, seed: int) -> PPO:
         policy_kwargs={
             "net_arch": {"pi": list(p.hidden), "vf": list(p.hidden)},
             "activation_fn": torch.nn.Tanh,
-            "optimizer_kwargs": {"eps": 1e-5, "fused": True},
+            **options,
         },
         seed=seed,
         device="cpu",
     )
-    ppo.set_logger(Logger(None, []))
-    return ppo
 
 
 def mean(values: list[float]) -> float:

@@ -54,7 +54,8 @@ def draw_error_over_amount(
             for name, curve in predictors.items():
                 draw_curve(axes, name, curve, looks[name], shown.factor)
             for name, error in baselines[loop].items():
-                draw_line(axes, name, shown.factor * error, looks[name])
+                if np.isfinite(error) and error > 0:  # a line across: a baseline needs no data
+                    axes.axhline(shown.factor * error, label=name, **looks[name].curve())
             label(axes, sorted({float(a) for curve in predictors.values() for a in curve.amounts}))
             axes.set_ylim(top=find_axis_top([*predictors.values()], [*baselines[loop].values()], shown.factor))
             axes.set_xlabel(f"{unit} of training data")
@@ -75,12 +76,6 @@ def draw_curve(axes: Axes, name: str, curve: AblationCurve, look: Stroke, scale:
     low, median, high = (scale * np.where(np.isfinite(v), v, np.nan) for v in (curve.low, curve.median, curve.high))
     axes.fill_between(curve.amounts, low, high, **look.area())
     axes.plot(curve.amounts, median, label=name, marker="o", markersize=3.5, **look.curve(10))
-
-
-def draw_line(axes: Axes, name: str, error: float, look: Stroke) -> None:
-    """Draw a baseline, which needs no data, as a line across, its error as shown."""
-    if np.isfinite(error) and error > 0:
-        axes.axhline(error, label=name, **look.curve())
 
 
 def label(axes: Axes, amounts: Sequence[float]) -> None:

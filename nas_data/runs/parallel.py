@@ -112,6 +112,11 @@ def run_all(
         executor.shutdown(wait=False, cancel_futures=True)
 
 
+def count_cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
 def make_process_pool(workers: int) -> Executor:
     """Return a pool of single-threaded processes."""
     context = multiprocessing.get_context("spawn")  # a fork would inherit locks of torch's and MuJoCo's threads

@@ -10,8 +10,7 @@ from itertools import pairwise
 import pytest
 from support.training_samples import TINY
 
-from nas_data.benchmarks.learning_curve import Point, Stopwatch, find_time_to_loss, learn
-from nas_data.benchmarks.training import FAST, PAPER, RECIPE, TUNED, Race
+from nas_data.benchmarks.training import FAST, PAPER, RECIPE, TUNED, Point, Race, Stopwatch, find_time_to_loss, learn
 from nas_data.cli import main
 from nas_data.models.training import ModelTraining
 

@@ -15,10 +15,9 @@ from nas_data.effects.payload import Payload
 from nas_data.errors import OptionError
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.experiments.command_limits import SPEED, CommandRange, mask_joints
-from nas_data.gap.experiments.contact import has_new_contacts
 from nas_data.gap.experiments.discrimination import compute_separations, find_differing_joints, make_batch
 from nas_data.gap.experiments.experiment import Rival, choose_next_experiment, describe_experiment, write_experiment
-from nas_data.gap.experiments.library import KINDS
+from nas_data.gap.experiments.library import KINDS, has_new_contacts
 from nas_data.gap.nominal import Nominal
 
 JOINTS = ("shoulder", "elbow")

@@ -16,7 +16,7 @@ from nas_data.effects.base import parse
 from nas_data.errors import DatasetInvalid
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding.find import GapFindings, find
-from nas_data.gap.finding.repeatability import measure_repeatability
+from nas_data.gap.finding.joint_gaps import measure_repeatability
 from nas_data.gap.finding.significance import (
     compute_grouped_chance,
     compute_paired_chance,

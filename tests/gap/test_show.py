@@ -13,10 +13,11 @@ import pytest
 from support.command_samples import nas
 from support.gap_samples import BACKLASH, DELAY, FIND, FLOOR, JOINTS, REPORT, REST, series, written
 
+from nas_data.count_of import join_items
 from nas_data.errors import OptionError
 from nas_data.gap.report import GapReport
 from nas_data.gap.showing.figures import ABOVE, AFTER, BEFORE, RETUNED, draw_error_per_joint, select_models
-from nas_data.gap.showing.page_words import format_figures, format_value, format_with_si, join_items, list_effects
+from nas_data.gap.showing.page_words import format_figures, format_value, format_with_si, list_effects
 from nas_data.gap.showing.series import Series
 from nas_data.gap.showing.show import show
 

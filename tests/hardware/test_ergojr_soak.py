@@ -24,9 +24,8 @@ from nas_data.dataset.features import STATE
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
-from nas_data.hardware.virtual_bus import ports
 from nas_data.hardware.virtual_bus.options import Options
-from nas_data.hardware.virtual_bus.process import VirtualBus
+from nas_data.hardware.virtual_bus.process import VirtualBus, port_of
 from nas_data.hardware.xl320.arm import Xl320Arm
 from nas_data.hardware.xl320.ergojr import make_ergojr_joints
 
@@ -102,7 +101,9 @@ def record(number: int) -> int:
 def bus_of(monkeypatch: pytest.MonkeyPatch, *faults: str) -> Iterator[VirtualBus]:
     """Yield the arm that `--port virtual` is from now on; it is still there when the recorder is gone."""
     with VirtualBus(Options(faults=faults, wire_delay=False, lockstep=True)) as bus:
-        monkeypatch.setattr(ports, "port_of", lambda *_: contextlib.nullcontext(bus.port))
+        monkeypatch.setattr(
+            "nas_data.hardware.virtual_bus.process.port_of", lambda *_: contextlib.nullcontext(bus.port)
+        )
         yield bus
 
 
@@ -198,7 +199,7 @@ def test_a_hundred_kills_lose_nothing_that_was_called_saved(tmp_path, monkeypatc
 @pytest.mark.slow
 def test_a_cycle_of_command_and_reading_leaves_room_for_300_hz():
     """At the bus's own speed: 1 Mbps, and the servos' return delay."""
-    with ports.port_of("virtual") as port, Xl320Arm(port, JOINTS) as arm:
+    with port_of("virtual") as port, Xl320Arm(port, JOINTS) as arm:
         arm.check()
         arm.configure()
         arm.torque_on()

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from nas_data.hardware.virtual_bus.arm import MountedServo, VirtualArm
 from nas_data.hardware.virtual_bus.chain import ServoChain
+from nas_data.hardware.virtual_bus.device import transmit
 from nas_data.hardware.virtual_bus.feetech_packet import FeetechPacket, FeetechReader, decode, encode_status
 from nas_data.hardware.virtual_bus.kinds.base import Reason, find_kind
 from nas_data.hardware.virtual_bus.kinds.sts3215 import (
@@ -17,7 +18,6 @@ from nas_data.hardware.virtual_bus.kinds.sts3215 import (
 )
 from nas_data.hardware.virtual_bus.packet import Packet
 from nas_data.hardware.virtual_bus.servo import VirtualServo
-from nas_data.hardware.virtual_bus.wire import transmit
 from nas_data.robots.base import find_robot
 
 # Example packets of Feetech's protocol manual: identity, instruction or error, parameters, bytes on the wire.

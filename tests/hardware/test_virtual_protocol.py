@@ -6,18 +6,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nas_data.hardware.virtual_bus.chain import ServoChain
-from nas_data.hardware.virtual_bus.crc import compute_crc16
+from nas_data.hardware.virtual_bus.device import collide, transmit
 from nas_data.hardware.virtual_bus.packet import (
     Instruction,
     Packet,
     Protocol2Reader,
+    compute_crc16,
     decode,
     encode_status,
     stuff,
     unstuff,
 )
 from nas_data.hardware.virtual_bus.servo import VirtualServo
-from nas_data.hardware.virtual_bus.wire import collide, transmit
 
 # Example packets of the e-manual's page on Protocol 2.0: identity, instruction, parameters, bytes on the wire.
 EXAMPLES = {

@@ -12,7 +12,7 @@ from nas_data.envs.ergo_reacher import TASK
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
 from nas_data.models import augmented
 from nas_data.models.augmented import LearnedStepper
-from nas_data.models.frozen.freeze import freeze
+from nas_data.models.frozen.base import freeze
 from nas_data.models.frozen.onnx_network import OnnxNetwork
 from nas_data.models.frozen.torch_network import TorchNetwork
 

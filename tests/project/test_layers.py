@@ -11,8 +11,8 @@ ROOT = Path(__file__).parents[2]
 # From the bottom to the top, by name below `nas_data`. A module belongs to the longest name that it begins with.
 LAYERS = (
     # what everything stands on
-    "errors", "count_of", "log", "visible_files", "atomic_file", "typed_json", "arrays", "registry", "joint_units",
-    "metrics", "command_file", "environment_ids",
+    "errors", "count_of", "text_table", "log", "visible_files", "atomic_file", "typed_json", "arrays", "registry",
+    "joint_units", "metrics", "command_file", "environment_ids",
     # data, models and engines
     "dataset", "runs", "mjcf", "servos", "robots", "effects", "excitations", "simulators", "pairing",
     "open_loop", "sources",

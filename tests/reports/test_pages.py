@@ -37,7 +37,7 @@ def pages(tmp_path_factory) -> dict[str, Path]:
     errors = {"open_loop": Spread((0.02, 0.03, 0.03)), "one_step": Spread((0.01, 0.012, float("inf")))}
     cells = [Cell("delta", Amount(count, "episodes"), count, errors) for count in (10.0, 20.0)]
     source = {"open_loop": Spread((0.1,)), "one_step": Spread((0.02,))}
-    write(root / "sweep", SweepSummary("episodes", {"delta": cells}, {"source": source}, []), {}, [])
+    write(root / "sweep", SweepSummary("episodes", {"delta": cells}, {"source": source}, []), {})
     folders = {"gap": root / "gap", "dataset": DATASET, "sweep": root / "sweep"}
     for name, folder in folders.items():
         done("report", folder, "--out", root / f"{name}.html")

@@ -11,8 +11,7 @@ from support.stage_samples import ALL, Plan, do_one, staged
 
 from nas_data.errors import SimulationDiverged
 from nas_data.runs.stages import STAGES as NOTES
-from nas_data.runs.stages import Work, read_stage
-from nas_data.runs.stages_side_by_side import find_prerequisites, run_side_by_side
+from nas_data.runs.stages import Work, find_prerequisites, read_stage, run_side_by_side
 from nas_data.studies.experiments.pipeline.artifacts import PHI, PSI
 
 

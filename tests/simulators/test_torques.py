@@ -17,8 +17,8 @@ from nas_data.errors import ModelFileError, OptionError
 from nas_data.models.augmented import LearnedStepper
 from nas_data.models.checkpoint import load_frozen
 from nas_data.models.evaluation import evaluate, predict_one_step, roll_out_model
-from nas_data.models.frozen.freeze import freeze
-from nas_data.models.frozen.onnx_torques import OnnxTorques
+from nas_data.models.frozen.base import freeze
+from nas_data.models.frozen.onnx_network import OnnxTorques
 from nas_data.models.frozen.torch_network import TorchNetwork
 from nas_data.models.jacobians import estimate_command_jacobians
 from nas_data.models.lstm import DynamicsModel

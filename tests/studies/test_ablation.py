@@ -2,7 +2,6 @@
 
 import json
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,7 +18,6 @@ from nas_data.reports.style import to_png
 from nas_data.studies.ablation.amount import Amount, parse
 from nas_data.studies.ablation.executors.base import FOLDER as EXECUTORS
 from nas_data.studies.ablation.executors.base import find_executor
-from nas_data.studies.ablation.inflation import Inflation
 from nas_data.studies.ablation.kinds.base import FOLDER as KINDS
 from nas_data.studies.ablation.kinds.base import ModelKind, find_kind
 from nas_data.studies.ablation.results import TrainingData, TrialResult
@@ -216,7 +214,7 @@ def test_the_table_holds_medians_ends_and_baselines():
     assert ("command", "") not in table, "torques are no positions"
     found = SweepSummary.of(swept())
     for row in make_rows(found):
-        assert all(word in format_markdown(found, []) for word in row)
+        assert all(word in format_markdown(found) for word in row)
         assert all(word in format_table(found) for word in row)
 
 
@@ -234,20 +232,20 @@ def test_failed_trials_are_told_and_do_not_count(tmp_path):
     assert found.failed == ["delta, 30 episodes, seed 1: The arm fell over."]
     only = SweepSummary.of([failed])
     assert only.sentence() == "No trial succeeded."
-    assert set(write(tmp_path, only, {}, [])) == {"result", "table"}
+    assert set(write(tmp_path, only, {})) == {"result", "table"}
 
 
 def test_the_files_hold_what_was_found(tmp_path):
     found = SweepSummary.of(swept())
-    files = write(tmp_path, found, {"trials": 18}, ["A note."])
+    files = write(tmp_path, found, {"trials": 18})
     content = json.loads(files["result"].read_text())
     assert content["trials"] == 18 and content["enough"] == {"delta": 20, "forward": "all"}
     assert content["kinds"]["forward"][1]["open_loop"]["max"] is None, "infinity is no JSON"
     assert content["kinds"]["delta"][2]["episodes"] == 40
     assert content["baselines"]["source"]["open_loop"]["median"] == pytest.approx(math.radians(10))
-    assert files["table"].read_text().endswith(f"{found.sentence()}\n\nA note.\n")
+    assert files["table"].read_text().endswith(f"{found.sentence()}\n")
     assert files["figure"].read_bytes().startswith(b"\x89PNG")
-    again = write(tmp_path / "again", found, {}, [])
+    again = write(tmp_path / "again", found, {})
     assert again["figure"].read_bytes() == files["figure"].read_bytes()
 
 
@@ -284,11 +282,3 @@ def test_a_figure_is_made_where_every_training_diverged(amounts):
     (low, high), (axes,) = figure.axes[0].get_xlim(), figure.axes
     assert low < amounts[0] <= amounts[-1] < high
     assert [line.get_label() for line in axes.lines] == ["φ", "hold", "source"]
-
-
-def test_a_worker_that_costs_nothing_doubles_the_work():
-    fair = Inflation(workers=2, cpu_alone=3.0, cpu_beside=3.0, wall_alone=4.0, wall_beside=4.0)
-    assert (fair.factor, fair.work) == (1.0, 2.0)
-    crowded = replace(fair, cpu_beside=4.5, wall_beside=8.0)
-    assert (crowded.factor, crowded.work) == (1.5, 1.0)
-    assert "1.50 times the processor time" in crowded.sentence()

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.command_samples import SIMULATED, Place, done, nas
+from support.command_samples import SIMULATED, done, nas
 from support.recording_samples import GAP, pendulum, recorded_on, wander
 from support.sweep_samples import BRIEF, TINY, answers, here_and_now, planned, silent
 from support.training_samples import same
@@ -27,16 +27,6 @@ from nas_data.models.split import select_frames, split_validation
 from nas_data.runs.environment_info import find_commit
 from nas_data.studies.ablation import trial as trials
 from nas_data.studies.ablation.amount import Amount
-from nas_data.studies.ablation.inflation import (
-    Inflation,
-    Probe,
-    compute_inflation,
-    keep,
-    make_probes,
-    measure_cost,
-    order_jobs,
-)
-from nas_data.studies.ablation.inflation import read as read_inflation
 from nas_data.studies.ablation.kinds.base import TrainingInput, find_kind
 from nas_data.studies.ablation.material import SweepData
 from nas_data.studies.ablation.results import TrialResult
@@ -215,16 +205,12 @@ def test_a_result_that_cannot_be_trusted_is_made_again(place, tmp_path):
 
 
 @pytest.mark.slow
-def test_two_workers_give_the_same_results_as_one_and_what_the_second_costs_is_told(place, here):
+def test_two_workers_give_the_same_results_as_one(place, here):
     command = ("ablate", place.paired, "--counts", "2,4", "--seeds", "0", *BRIEF)
     done(*command, "--out", "one")
-    answer = done(*command, "--workers", "2", "--out", "two")
+    done(*command, "--workers", "2", "--out", "two")
     assert len(answers(Path("one"))) == 4
     assert answers(Path("one")) == answers(Path("two"))
-    assert "times the processor time" in answer.out
-    content = json.loads(Path("two/ablation.json").read_text())
-    assert content["inflation"]["cpu_inflation"] > 0.3 and content["inflation"]["workers"] == 2
-    assert json.loads(Path("one/ablation.json").read_text())["inflation"] is None
     kinds = [json.loads(Path(f"{name}/ablation.json").read_text())["kinds"] for name in ("one", "two")]
     assert kinds[0] == kinds[1]
 
@@ -235,7 +221,6 @@ def test_a_killed_sweep_goes_on_and_leaves_no_process_behind(place, here):
     command = [sys.executable, "-m", "nas_data", "ablate", str(place.paired), *options, "--out", "run"]
     root = Path(__file__).parents[2]
     environment = {**os.environ, "PYTHONPATH": str(root)}
-    begin_measured(place, Path("run"))
     running = subprocess.Popen([*command, "--workers", "2"], env=environment, stderr=subprocess.PIPE, text=True)
     until(lambda: len(list(Path("run/trials").glob("*.json"))) >= 3)
     workers = children(running.pid)
@@ -251,14 +236,6 @@ def test_a_killed_sweep_goes_on_and_leaves_no_process_behind(place, here):
     done("ablate", place.paired, *options, "--out", "whole")
     assert answers(Path("run")) == answers(Path("whole"))
     assert len(answers(Path("run"))) == 6
-
-
-def begin_measured(place: Place, folder: Path) -> None:
-    """Do one trial of a sweep, and put there what its beginning would measure, for a minute."""
-    one = ("--kinds", "forward", "--counts", "2", "--seeds", "0")
-    done("ablate", place.paired, *one, *BRIEF, "--out", folder)
-    known = Inflation(workers=2, cpu_alone=1.0, cpu_beside=1.0, wall_alone=1.0, wall_beside=1.0)
-    (folder / "inflation.json").write_text(json.dumps(known.to_json()))
 
 
 def until(true, patience: float = 200.0) -> None:
@@ -306,36 +283,6 @@ def test_a_fault_of_ours_ends_one_trial_and_keeps_its_traceback(place, tmp_path,
     results = run_sweep(waiting, here_and_now, 1, False, silent)
     assert [result.failed for result in results] == [None, "KeyError: 'friction'.", None]
     assert "faulty" in "".join(results[1].traceback)
-
-
-def test_only_what_trains_is_measured_for_the_cost_of_a_second_worker(place, tmp_path):
-    waiting = planned(place, tmp_path, options=replace(TINY, updates=400))
-    first, *others = make_probes(waiting, 2, tmp_path)
-    assert len(others) == 2 and others == [first, first], "two beside each other, and one alone"
-    assert (first.trial.config.amount.value, first.trial.config.options.updates) == (2, 10), "the smallest, shortened"
-    assert (
-        make_probes(waiting, 1, tmp_path) == make_probes(planned(place, tmp_path, kinds=("named",)), 2, tmp_path) == []
-    )
-    keep(tmp_path, compute_inflation([(2.0, 6.0), (4.0, 6.0), (2.0, 3.0)]))
-    found = read_inflation(tmp_path)
-    assert (found.workers, found.factor, found.work) == (2, 1.5, 1.0)
-    assert make_probes(waiting, 2, tmp_path) == [], "it was measured before"
-
-
-def test_probes_come_first_the_last_of_them_alone_and_then_the_trials():
-    assert order_jobs(3, 6) == {2: [0, 1], 3: [2], 4: [2], 5: [2]}
-    assert order_jobs(0, 6) == {}
-
-
-def test_a_probe_that_fails_measures_nothing_and_takes_no_trial_along(place, tmp_path):
-    (trial,) = planned(place, tmp_path, kinds=("forward",), amounts=(Amount(2, "episodes"),))
-    probe = Probe(replace(trial, material=replace(trial.material, root=tmp_path / "nowhere")))
-    assert measure_cost(probe) is None
-    keep(tmp_path, compute_inflation([measure_cost(probe), (1.0, 1.0), (1.0, 1.0)]))
-    assert read_inflation(tmp_path) is None
-    processor, wall = measure_cost(Probe(trial))
-    assert processor > 0 < wall
-    assert not list((tmp_path / UNFINISHED).glob("*"))
 
 
 # what is asked for

@@ -4,8 +4,7 @@ import time
 from dataclasses import dataclass
 
 from nas_data.errors import SimulationDiverged
-from nas_data.runs.stages import Stage, StageResult, Work
-from nas_data.runs.stages_side_by_side import Part, do_part
+from nas_data.runs.stages import Part, Stage, StageResult, Work, do_part
 
 PATIENCE = 60.0  # [s] to wait for another process
 

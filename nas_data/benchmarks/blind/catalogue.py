@@ -119,31 +119,23 @@ def read_torque_limits(constants: Constants) -> np.ndarray:
     return constants.force[:, 1]
 
 
-def sum_damping(constants: Constants) -> np.ndarray:
-    """Return joint damping and the servo's own [N m s/rad]."""
-    return constants.damping + constants.servo_damping
-
-
 def read_armature(constants: Constants) -> np.ndarray:
     """Return the rotors' inertia [kg m²]."""
     return constants.armature
 
 
-def read_gains(constants: Constants) -> np.ndarray:
-    """Return the position gains [N m/rad]."""
-    return constants.gain
-
-
 INSIDE: Mapping[str, EffectDraw] = {
     "backlash": EffectDraw(make_draw("half_width", Span(0.006, 0.06, 0.0008)), apart="transmission"),
     "joint_compliance": EffectDraw(
-        make_scaled_draw("stiffness", read_gains, Span(0.6, 20.0, 100.0)), apart="transmission"
+        make_scaled_draw("stiffness", lambda own: own.gain, Span(0.6, 20.0, 100.0)), apart="transmission"
     ),
     "coulomb_friction": EffectDraw(
         make_scaled_draw("torque", read_torque_limits, Span(0.05, 0.35, 0.005)), apart="dry friction"
     ),
     "stribeck_friction": EffectDraw(draw_stribeck, apart="dry friction"),
-    "viscous_friction": EffectDraw(make_scaled_draw("coefficient", sum_damping, Span(0.5, 4.0, 0.5))),
+    "viscous_friction": EffectDraw(
+        make_scaled_draw("coefficient", lambda own: own.damping + own.servo_damping, Span(0.5, 4.0, 0.5))
+    ),
     "load_friction": EffectDraw(make_draw("ratio", Span(0.1, 0.6, 0.01)), apart="dry friction"),
     "rotor_inertia": EffectDraw(make_scaled_draw("inertia", read_armature, Span(0.5, 6.0, 0.5))),
     "servo_stiffness": EffectDraw(draw_gain_factor),

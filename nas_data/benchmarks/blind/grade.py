@@ -11,7 +11,11 @@ from nas_data.benchmarks.blind.findings import Name, ReportedEffect, ReportEntri
 CONFIDENT = 0.8  # from here on a wrong name is the worst outcome
 ABOVE_FLOOR = frozenset({"unexplained", "partly_explained"})
 PLACE = frozenset("xyz")  # of a payload; where none is reported, it is at the link's centre of mass
-RIGHT_VERDICTS = {"none": frozenset({"none", "retuned"}), "outside": ABOVE_FLOOR}
+RIGHT_VERDICTS = {
+    "none": frozenset({"none", "retuned"}),  # errors of the base parameters make a retuning right
+    "one": frozenset({"explained"}),
+    "outside": ABOVE_FLOOR,
+}
 
 
 @dataclass(frozen=True)
@@ -104,13 +108,14 @@ def grade_names(answer: SealedAnswer, report: Mapping[str, object]) -> CaseGrade
     meant = [translate(inside, answer.joints, finding) for finding in findings]
     all_meant = [finding for group in meant for finding in group]
     unexplained = {entry.joint for entry in entries.unexplained or ()}
+    right = RIGHT_VERDICTS["outside" if beyond else "one" if inside else "none"]
     return CaseGrade(
         **vars(compare_names(true, all_meant)),
         true=tuple(entry.name for entry in answer.effects),
         named=tuple(finding.name for finding in findings),
         marks=tuple(entry.mark for entry in answer.effects),
         verdict=entries.verdict,
-        verdict_right=is_verdict_right("outside" if beyond else "one" if inside else "none", entries.verdict),
+        verdict_right=entries.verdict in right,
         confidences=tuple(
             ConfidenceGrade(finding.confidence, all(part.name in true for part in parts))
             for finding, parts in zip(findings, meant, strict=True)
@@ -153,11 +158,6 @@ def compare_names(true: Sequence[Name], findings: Sequence[ReportedEffect]) -> N
         confident_wrong=bool(sure),
         confident_wrong_without_the_true_one_beside=any(not set(one.alternatives) & set(missing) for one in sure),
     )
-
-
-def is_verdict_right(family: str, verdict: str | None) -> bool:
-    """Return whether a verdict suits a family; base errors make a retuning right if nothing is hidden."""
-    return verdict in RIGHT_VERDICTS.get(family, frozenset({"explained"}))
 
 
 def compute_parameter_errors(hidden: Sequence[HiddenEntry], findings: Sequence[ReportedEffect]) -> list[ParameterGrade]:

@@ -111,16 +111,14 @@ class EffectSampler:
         screened = self.identity.plant != self.screen and bool(truth.hidden)
         for plant in (self.screen, self.identity.plant) if screened else (self.identity.plant,):
             tape = script(plant, truth)
-            marks = measure_marks(partial(self.show, plant, tape=tape), truth, self.arm.joints, self._floor)
+            marks = measure_marks(
+                partial(self.show, plant, tape=tape), truth, self.arm.joints, self.conditions.sensor.floor
+            )
             # what the setting gives is as large as it is
             unfit = set(find_unfit_marks(marks.values, self.least, self.setting.most)) - set(range(len(self.given)))
             if unfit:
                 break
         return tape, marks, unfit
-
-    @property
-    def _floor(self) -> float:
-        return self.conditions.sensor.floor
 
     def _redraw(self, groups: Sequence[Group], row: int, same: bool) -> Group:
         """Return one of the effects in another size, or another effect in its stead."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from nas_data.benchmarks.blind.grade import CaseGrade, ConfidenceGrade
 from nas_data.benchmarks.blind.record import FAILED, CaseFailure, CaseRecord, GradedAnswer, GradedCase
+from nas_data.text_table import align_columns
 
 CONFIDENCES = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
 MARKS = (0.3, 1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0)
@@ -169,23 +170,15 @@ def summarise_baseline(name: str, family: str, answers: Sequence[CaseFailure | G
 
 def print_tables(found: Mapping[str, Sequence[Row]]) -> str:
     """Return all tables that have rows, with their titles."""
-    return "\n\n".join(f"{TITLES[name]}\n{align_columns(rows)}" for name, rows in found.items() if rows)
+    return "\n\n".join(f"{TITLES[name]}\n{format_table(rows)}" for name, rows in found.items() if rows)
 
 
-def align_columns(rows: Sequence[Row]) -> str:
+def format_table(rows: Sequence[Row]) -> str:
     """Return rows of the same keys as columns; the words left, the numbers right."""
-    keys = list(rows[0])
-    cells = [[SHORT.get(key, key) for key in keys], *([format_cell(key, row[key]) for key in keys] for row in rows)]
-    widths = [max(len(line[column]) for line in cells) for column in range(len(keys))]
-    worded = [isinstance(rows[0][key], str | Mapping) for key in keys]
-    lines = [
-        "  ".join(
-            f"{word:<{width}}" if left else f"{word:>{width}}"
-            for word, width, left in zip(line, widths, worded, strict=True)
-        ).rstrip()
-        for line in cells
-    ]
-    return "\n".join(lines)
+    first = rows[0]
+    cells = [[SHORT.get(key, key) for key in first], *([format_cell(key, row[key]) for key in first] for row in rows)]
+    worded = [number for number, value in enumerate(first.values()) if isinstance(value, str | Mapping)]
+    return "\n".join(align_columns(cells, worded))
 
 
 def format_cell(key: str, value: Cell) -> str:

@@ -81,7 +81,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     if late and not expected.derived:
         delay = float(np.median(list(late.values())))
         what = (
-            f"the velocity register of {_join_names(list(late))} is about {delay / expected.rate * 1e3:.2g} ms behind "
+            f"the velocity register of {', '.join(list(late))} is about {delay / expected.rate * 1e3:.2g} ms behind "
             "the position"
         )
         remedy = "velocity = 'derive' in the map takes it from the positions instead"
@@ -179,7 +179,7 @@ def _report_silent_registers(recording: Recording, expected: Expected) -> list[A
     names = [joint for joint, zero in zip(recording.joints, silent, strict=True) if zero]
     fastest = recording.joints[int(np.argmax(np.where(silent, speeds, 0)))]
     what = (
-        f"the velocity of {_join_names(names)} is zero in all rows although the position moves at up to "
+        f"the velocity of {', '.join(names)} is zero in all rows although the position moves at up to "
         f"{speeds[silent].max():.2g} {convert_hinge_unit('rad/s', fastest in expected.slides)}"
     )
     return [AuditFinding("velocity_scale", recording.label, what, "say velocity = 'derive' in the map", error=True)]
@@ -190,7 +190,7 @@ def _report_wrong_scales(recording: Recording, expected: Expected, fits: dict[st
     found = []
     wrong = [joint for joint, fit in fits.items() if fit.factor < 0 and not fit.explained()]
     if wrong:
-        what = f"the velocity of {_join_names(wrong)} has the sign opposite to the differenced position"
+        what = f"the velocity of {', '.join(wrong)} has the sign opposite to the differenced position"
         remedy = "correct 'sign' in [read.velocity] or [read.position]"
         found.append(AuditFinding("velocity_scale", recording.label, what, remedy, error=True))
     for joint, fit in fits.items():
@@ -225,7 +225,3 @@ def _estimate_travel_share(recording: Recording, index: int) -> float:
         if rows.any()
     ]
     return float(np.max(shares, initial=0.0))
-
-
-def _join_names(joints: list[str]) -> str:
-    return ", ".join(joints)

@@ -9,7 +9,7 @@ from nas_data.effects.base import Effect
 from nas_data.gap.episode_batch import EpisodeBatch, pad_rows
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.nominal_parameters import NominalParameter, scale_base_parameters
-from nas_data.gap.search.fit import Fit, fit, measure_jacobian
+from nas_data.gap.search.fit import fit, measure_jacobian
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters, select_free_base
 from nas_data.gap.side_by_side import map_in_parallel
@@ -86,7 +86,8 @@ def compute_separations(
     def follow(episode: int) -> np.ndarray:
         alone = task.select([episode])
         columns = {column: rows[[episode]] for column, rows in known.items()}
-        return compute_mean_squares(alone, fit(alone, parameters, start, columns, STEPS, 0))
+        found = fit(alone, parameters, start, columns, STEPS, 0)
+        return alone.evidence.mean_squares(found.predicted) if found else np.zeros((1, len(alone.floor)))
 
     squares = np.concatenate(map_in_parallel(follow, range(len(evidence))))
     counted = np.isin(nominal.joints, list(concerned))
@@ -98,11 +99,6 @@ def is_concerned(parameters: FreeParameters, column: int, places: Collection[str
     if column >= len(parameters.effect_parameters):
         return False
     return any(effect.joint in places for effect in parameters.effects_of(column))
-
-
-def compute_mean_squares(task: FitTask, found: Fit | None) -> np.ndarray:
-    """Return the mean squared errors of a fit [rad²; m²], shape (1, n); 0 without a fit."""
-    return task.evidence.mean_squares(found.predicted) if found else np.zeros((1, len(task.floor)))
 
 
 def select_free_parameters(nominal: Nominal, rival: Rival, concerned: Sequence[str]) -> tuple[NominalParameter, ...]:

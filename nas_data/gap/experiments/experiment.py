@@ -13,6 +13,7 @@ from nas_data.gap.experiments.command_limits import CommandRange
 from nas_data.gap.experiments.discrimination import Rival, compute_separations, find_differing_joints, make_batch
 from nas_data.gap.experiments.library import ExperimentDesign, generate_experiments
 from nas_data.gap.nominal import Nominal
+from nas_data.gap.report_parts import TriedExperiment
 
 __all__ = ["NextExperiment", "RatedExperiment", "Rival", "choose_next_experiment", "write_experiment"]
 
@@ -36,15 +37,12 @@ class RatedExperiment:
     joint: str
     seconds: float
 
-    def to_json(self) -> dict[str, object]:
-        """Return one row of the table of experiments."""
-        return {
-            "name": self.trial.name,
-            "on": list(self.trial.moved),
-            "seconds": self.seconds,
-            "separation": self.separation,
-            "joint": self.joint,
-        }
+    def describe(self) -> TriedExperiment:
+        """Return the experiment as the report lists it."""
+        trial = self.trial
+        return TriedExperiment(
+            name=trial.name, on=trial.moved, seconds=self.seconds, separation=self.separation, joint=self.joint
+        )
 
 
 @dataclass(frozen=True)
@@ -64,10 +62,6 @@ class NextExperiment:
     commands: np.ndarray
     period: float
     table: tuple[RatedExperiment, ...]
-
-    def to_json(self) -> list[dict[str, object]]:
-        """Return the table for a report."""
-        return [row.to_json() for row in self.table]
 
 
 def choose_next_experiment(

@@ -43,9 +43,8 @@ def find(
     """
     powered = keep_torque_on(dataset)
     if powered is not dataset:
-        evidence = select_episodes(
-            EpisodeBatch.of(powered).with_objects(powered, nominal.simulator()), evidence.numbers
-        )
+        rows = EpisodeBatch.of(powered).with_objects(powered, nominal.simulator())
+        evidence = rows.select(np.flatnonzero(np.isin(rows.numbers, evidence.numbers)))
     evidence = nominal.infer_initial_loads(evidence)
     recorded = RecordedRows.of(powered, evidence)
     predicted = nominal.predict(evidence)
@@ -61,8 +60,3 @@ def find(
         ),
         undecidable=list_undecidable(recorded, floor, regimes),
     )
-
-
-def select_episodes(evidence: EpisodeBatch, numbers: np.ndarray) -> EpisodeBatch:
-    """Return the episodes with given numbers, if they exist."""
-    return evidence.select(np.flatnonzero(np.isin(evidence.numbers, numbers)))

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from nas_data.gap.report_parts import Bin, Check, JointGap
 from nas_data.joint_units import SLIDE, JointUnit, find_display_unit, format_table_unit
+from nas_data.text_table import align_columns
 
 SHOWN = 3  # most regimes per joint
 LARGER = 1.2  # ratio of errors inside over outside a bin above which it is shown
@@ -37,17 +38,14 @@ def describe_findings(
 
 def format_joint_table(joints: Mapping[str, JointGap]) -> str:
     """Return the gap of each joint, a row each."""
-    width = max(len(joint) for joint in joints)
     slides = [joint for joint, gap in joints.items() if gap.unit == SLIDE.si]
     used = {head: key for head, key in COLUMNS.items() if any(getattr(gap, key) is not None for gap in joints.values())}
-    lines = [
-        f"Gap: RMSE of positions [{format_table_unit(list(joints), slides)}]",
-        f"  {'':<{width}}" + "".join(f"{head:>11}" for head in used) + "  open loop / noise",
-    ]
+    rows = [["", *used, "open loop / noise"]]
     for joint, gap in joints.items():
-        cells = "".join(f"{format_cell(getattr(gap, key), gap.unit):>11}" for key in used.values())
-        lines.append(f"  {joint:<{width}}{cells}{gap.ratio_to_noise:19.1f}")
-    return "\n".join(lines)
+        cells = [format_cell(getattr(gap, key), gap.unit) for key in used.values()]
+        rows.append([joint, *cells, f"{gap.ratio_to_noise:.1f}"])
+    heading = f"Gap: RMSE of positions [{format_table_unit(list(joints), slides)}]"
+    return "\n".join([heading, *(f"  {line}" for line in align_columns(rows, least=9))])
 
 
 def format_cell(value: float | None, unit: str) -> str:

@@ -1,7 +1,6 @@
 """Figures of a gap report for files and notebooks."""
 
 from collections.abc import Mapping, Sequence
-from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -102,9 +101,8 @@ def draw_joints(axes: Axes, series: Series, models: Models, unit: JointUnit, cho
     for name, values in rows.items():
         draw_dots(axes, name, places, values)
     axes.hlines(floor, places - 0.35, places + 0.35, color=BLACK, linewidth=1.4, label=FLOOR, zorder=3)
-    axes.set_xticks(
-        places, names, rotation=choose_label_angle(series.joints), ha=choose_label_anchor(series.joints, "right")
-    )
+    angle = choose_label_angle(series.joints)
+    axes.set_xticks(places, names, rotation=angle, ha="right" if angle else "center")
     axes.set_xlim(-0.6, len(places) - 0.4)
     axes.grid(visible=False, axis="x")
     set_log_scale(axes, f"RMSE on held-out episodes [{unit.mark.strip()}]", [stacked.min(), stacked.max(), *floor])
@@ -143,11 +141,6 @@ def set_log_scale(axes: Axes, label: str, values: Sequence[float]) -> None:
 def choose_label_angle(names: Sequence[str]) -> int:
     """Return the rotation of names along an axis [°] so that they don't overlap."""
     return 30 if sum(len(name) for name in names) > 45 or len(names) > MANY + 4 else 0
-
-
-def choose_label_anchor(names: Sequence[str], side: Literal["left", "right"]) -> Literal["left", "center", "right"]:
-    """Return the horizontal alignment of names: one side if they are rotated."""
-    return side if choose_label_angle(names) else "center"
 
 
 def draw_joint_motion(series: Series, models: Models, joint: int, torques: bool) -> Figure:

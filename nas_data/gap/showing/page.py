@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from nas_data.count_of import join_items
 from nas_data.gap.report import REPORT, GapReport
 from nas_data.gap.report_parts import NamedEffect
 from nas_data.gap.showing.figures import select_models
@@ -38,7 +39,6 @@ from nas_data.gap.showing.page_words import (
     format_effect_title,
     format_value,
     format_with_si,
-    join_items,
     list_remarks,
 )
 from nas_data.gap.showing.series import Series

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from nas_data.count_of import join_items
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_parts import Bin
 from nas_data.gap.showing.figures import (
@@ -19,7 +20,7 @@ from nas_data.gap.showing.figures import (
     select_joint_models,
     select_models,
 )
-from nas_data.gap.showing.page_words import format_value, join_items
+from nas_data.gap.showing.page_words import format_value
 from nas_data.gap.showing.series import Series
 from nas_data.joint_units import JointUnit, find_joint_unit
 from nas_data.reports.charts import (

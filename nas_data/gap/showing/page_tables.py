@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from nas_data.count_of import count_of
+from nas_data.count_of import count_of, join_items
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_parts import Bin, EffectName, JointGap
 from nas_data.gap.showing.figures import Models
@@ -17,7 +17,6 @@ from nas_data.gap.showing.page_words import (
     format_interval,
     format_value,
     format_with_si,
-    join_items,
 )
 from nas_data.gap.showing.series import Series
 from nas_data.joint_units import find_joint_unit

@@ -4,14 +4,17 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Literal
 
+from nas_data.count_of import join_items
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_parts import GapErrors, Retuned, Unexplained
-from nas_data.gap.showing.page_words import LIKELY, format_figures, format_value, join_items, list_effects
+from nas_data.gap.showing.page_words import LIKELY, format_figures, format_value, list_effects
 
 
 def describe_verdict(report: GapReport) -> str:
     """Return the verdict in one sentence."""
-    return VERDICTS.get(report.verdict, describe_other)(report)
+    if report.verdict not in VERDICTS:
+        return f"Verdict {report.verdict}: the error on held-out episodes {describe_drop(report)}."
+    return VERDICTS[report.verdict](report)
 
 
 def describe_slides(report: GapReport) -> str:
@@ -44,13 +47,13 @@ def describe_none(report: GapReport) -> str:
 def describe_retuned(report: GapReport) -> str:
     """Describe that parameters of the model were retuned."""
     count = len(report.retuned)
+    largest = max((abs(100 * (entry.factor - 1)) for entry in report.retuned), default=0.0)  # [%]
     numbers = "one number that it already has" if count == 1 else f"{count} numbers that it already has"
     first = "No effect is named" if any(entry.is_large for entry in report.retuned) else "Nothing is missing"
     return (
         f"{first}: {describe_model(report)} only needs {numbers} changed, by at most "
-        f"{find_largest_change(report):.0f} %, and the "
-        f"error on held-out episodes {describe_drop(report)}, close to the noise of the readings, "
-        f"{format_error(report.gap, 'noise_floor')}."
+        f"{largest:.0f} %, and the error on held-out episodes {describe_drop(report)}, close to the noise of the "
+        f"readings, {format_error(report.gap, 'noise_floor')}."
     )
 
 
@@ -86,11 +89,6 @@ def describe_unexplained(report: GapReport) -> str:
     )
 
 
-def describe_other(report: GapReport) -> str:
-    """Describe an unknown verdict."""
-    return f"Verdict {report.verdict}: the error on held-out episodes {describe_drop(report)}."
-
-
 VERDICTS: Mapping[str, Callable[[GapReport], str]] = {
     "none": describe_none,
     "retuned": describe_retuned,
@@ -123,11 +121,6 @@ def describe_places(report: GapReport) -> str:
     """Return the unexplained joints at the end of a sentence."""
     joints = [rest.joint for rest in report.unexplained]
     return f", at {join_items(joints)}" if joints else ""
-
-
-def find_largest_change(report: GapReport) -> float:
-    """Return the largest change of a retuned parameter [%]."""
-    return max((abs(100 * (entry.factor - 1)) for entry in report.retuned), default=0.0)
 
 
 def describe_rest(entry: Unexplained) -> str:

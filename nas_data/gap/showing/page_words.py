@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Literal
 
+from nas_data.count_of import join_items
 from nas_data.effects.base import find_effect
 from nas_data.errors import UnknownName
 from nas_data.gap.report_parts import EffectName, FittedParameter, NamedEffect
@@ -75,11 +76,6 @@ def list_effects(effects: Sequence[NamedEffect]) -> str:
         joints.setdefault(as_words(effect.name), []).append(effect.joint or "")
     told = [f"{name} in {join_items(where)}" if where[0] else f"{name} (whole arm)" for name, where in joints.items()]
     return join_items(told) if len(told) == len(effects) else "; ".join(told)
-
-
-def join_items(items: Sequence[str]) -> str:
-    """Return items as a phrase."""
-    return " and ".join([", ".join(items[:-1]), items[-1]] if len(items) > 1 else items)
 
 
 def capitalise(text: str) -> str:

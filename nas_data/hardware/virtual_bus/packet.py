@@ -1,13 +1,16 @@
 """Packets of Protocol 2.0: header, ID, length, content with byte stuffing, checksum.
 
+The checksum is CRC-16 with polynomial x¹⁶ + x¹⁵ + x² + 1, initial value 0, most significant bit first.
+
 Source: ROBOTIS e-manual, DYNAMIXEL Protocol 2.0.
 """
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import reduce
 from typing import Protocol
 
-from nas_data.hardware.virtual_bus.crc import compute_crc16
+POLYNOMIAL = 0x8005  # ROBOTIS e-manual, Protocol 2.0, CRC calculation
 
 HEADER = b"\xff\xff\xfd\x00"
 STUFFED = b"\xff\xff\xfd"  # in the content an additional 0xFD follows it, so that the content contains no header
@@ -144,3 +147,21 @@ def decode(whole: bytes) -> Packet:
     content = unstuff(whole[PREFIX:-2])
     is_valid = compute_crc16(whole[:-2]) == int.from_bytes(whole[-2:], "little")
     return Packet(whole[4], content[0], content[1:], is_valid)
+
+
+def _compute_table_entry(high: int) -> int:
+    """Return the remainder of one byte, shifted by 8 bits, divided by the polynomial."""
+    return reduce(
+        lambda rest, _: ((rest << 1) ^ POLYNOMIAL if rest & 0x8000 else rest << 1) & 0xFFFF, range(8), high << 8
+    )
+
+
+TABLE = tuple(map(_compute_table_entry, range(256)))
+
+
+def compute_crc16(data: bytes) -> int:
+    """Return the checksum of a packet without its last two bytes, 0 … 65535."""
+    register = 0
+    for byte in data:
+        register = ((register << 8) & 0xFFFF) ^ TABLE[(register >> 8) ^ byte]
+    return register

@@ -36,15 +36,10 @@ def _read_messages(path: Path, layout: LogLayout) -> Iterator[tuple[str, int, ob
         there = {channel.topic for channel in summary.channels.values()} if (summary := reader.get_summary()) else set()
         missing = next((topic for topic in layout.topics.values() if summary and topic not in there), None)
         if missing is not None:
-            raise LogError(
-                f"{path} has no topic '{missing}', which [topics] of the map names; it has: {_format_topics(there)}."
-            )
+            found = ", ".join(sorted(there)) or "none"
+            raise LogError(f"{path} has no topic '{missing}', which [topics] of the map names; it has: {found}.")
         for _, channel, message, decoded in reader.iter_decoded_messages(topics=list(layout.topics.values())):
             yield channel.topic, message.log_time, decoded
-
-
-def _format_topics(topics: set[str]) -> str:
-    return ", ".join(sorted(topics)) or "none"
 
 
 class _Json(DecoderFactory):

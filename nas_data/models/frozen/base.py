@@ -1,8 +1,11 @@
-"""Interface of frozen networks."""
+"""Interface of frozen networks, and the choice of the fastest available backend."""
 
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from nas_data.models.lstm import DynamicsModel
 
 
 class FrozenNetwork(Protocol):
@@ -25,3 +28,19 @@ class FrozenNetwork(Protocol):
 
     def reset_memory(self, rows: np.ndarray | slice) -> None:
         """Zero the memory of some rows, as at an episode's start."""
+
+
+def freeze(model: "DynamicsModel", size: int) -> FrozenNetwork:
+    """Return a frozen copy of a model for B rows, on ONNX Runtime if installed, else on torch.
+
+    Args:
+        model: φ or ψ; later training does not change the copy.
+        size: Number of rows, B.
+    """
+    try:
+        from nas_data.models.frozen.onnx_network import OnnxNetwork, OnnxTorques
+    except ImportError:
+        from nas_data.models.frozen.torch_network import TorchNetwork
+
+        return TorchNetwork(model, size)
+    return OnnxTorques(model, size) if model.corrects == "command" else OnnxNetwork(model, size)

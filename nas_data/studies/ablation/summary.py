@@ -171,7 +171,13 @@ class SweepSummary:
             "metric": "position RMSE on held-out episodes, mean of the episodes",
             "unit": self.shown.si,
             "amount_unit": self.unit,
-            "kinds": {kind: [make_cell_json(cell) for cell in cells] for kind, cells in self.cells.items()},
+            "kinds": {
+                kind: [
+                    {"amount": cell.amount.word, cell.amount.unit: cell.size, **make_spreads_json(cell.errors)}
+                    for cell in cells
+                ]
+                for kind, cells in self.cells.items()
+            },
             "baselines": {name: make_spreads_json(spreads) for name, spreads in self.baselines.items()},
             "enough": {kind: cell.amount.word for kind, cell in self.enough().items()},
             "sentence": self.sentence(),
@@ -182,11 +188,6 @@ class SweepSummary:
 def find_best(cells: Sequence[Cell]) -> Cell:
     """Return the smallest amount with the least median open-loop error."""
     return min(cells, key=lambda cell: cell.errors["open_loop"].median)
-
-
-def make_cell_json(cell: Cell) -> dict[str, object]:
-    """Return a cell for JSON."""
-    return {"amount": cell.amount.word, cell.amount.unit: cell.size, **make_spreads_json(cell.errors)}
 
 
 def make_spreads_json(spreads: Mapping[str, Spread]) -> dict[str, object]:

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from filelock import FileLock, Timeout
@@ -19,15 +18,6 @@ from nas_data.models.presets import TrainingOptions
 from nas_data.runs.progress import format_duration
 from nas_data.studies.ablation.amount import Amount
 from nas_data.studies.ablation.executors.base import Executor
-from nas_data.studies.ablation.inflation import (
-    Cost,
-    Probe,
-    compute_inflation,
-    keep,
-    make_probes,
-    measure_cost,
-    order_jobs,
-)
 from nas_data.studies.ablation.material import Content, SweepData
 from nas_data.studies.ablation.results import TrialResult
 from nas_data.studies.ablation.trial import TRIALS, UNFINISHED, Config, Trial, do_trial, hash_trial_code
@@ -86,8 +76,7 @@ def run_sweep(
 ) -> list[TrialResult]:
     """Run the unfinished trials, and return all results in order.
 
-    Results of other code stay in the folder and are not used. With several workers, the cost of parallel work is
-    measured first, once per sweep.
+    Results of other code stay in the folder and are not used.
 
     Args:
         trials: See `SweepPlan.trials`.
@@ -98,30 +87,15 @@ def run_sweep(
     """
     results = {number: result for number, trial in enumerate(trials) if (result := read_result(trial, retry))}
     waiting = [number for number in range(len(trials)) if number not in results]
-    measuring = make_probes([trials[number] for number in waiting], workers, trials[0].folder) if waiting else []
-    jobs: list[Trial | Probe] = [*measuring, *(trials[number] for number in waiting)]
-    costs: dict[int, Cost | None] = {}
-    progress = SweepProgress([trials[number].config for number in waiting], workers, len(trials))
+    jobs = [trials[number] for number in waiting]
+    progress = SweepProgress([trial.config for trial in jobs], workers, len(trials))
     if others := count_other_code(trials):
         say(f"{others} of these trials have results by other code of nas_data, which are kept and not used")
     say(progress.begin(sum(result.failed is not None for result in results.values())))
-    if measuring:
-        say(f"first a short training with {workers} workers and with one, to see what another costs")
-    for index, found in executor(do_job, jobs, workers, order_jobs(len(measuring), len(jobs))):
-        if index < len(measuring):
-            costs[index] = found
-            if len(costs) == len(measuring):
-                keep(trials[0].folder, compute_inflation([costs[probe] for probe in range(len(measuring))]))
-        else:
-            number = waiting[index - len(measuring)]
-            results[number] = found
-            say(progress.describe(trials[number].config, found))
+    for index, result in executor(do_trial, jobs, workers):
+        results[waiting[index]] = result
+        say(progress.describe(jobs[index].config, result))
     return [results[number] for number in range(len(trials))]
-
-
-def do_job(job: Trial | Probe) -> Any:
-    """Do a trial, or measure a probe; return a result or a cost."""
-    return measure_cost(job) if isinstance(job, Probe) else do_trial(job)
 
 
 def read_result(trial: Trial, retry: bool) -> TrialResult | None:

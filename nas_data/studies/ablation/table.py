@@ -1,12 +1,12 @@
 """Table of a sweep: median and spread over seeds, with the baselines in the last rows."""
 
 import math
-from collections.abc import Sequence
 
 from nas_data.joint_units import HINGE, JointUnit
-from nas_data.policies.tables import align_columns
 from nas_data.studies.ablation.kinds.base import find_kind
 from nas_data.studies.ablation.summary import Spread, SweepSummary
+from nas_data.text_table import format_markdown_table
+from nas_data.text_table import format_table as align_table
 
 HEADERS = ("learned", "from", "seeds", "open loop: median", "min … max", "one step: median", "min … max")
 
@@ -48,12 +48,11 @@ def format_number(value: float, digits: int, unit: JointUnit) -> str:
 def format_table(summary: SweepSummary) -> str:
     """Return the table for a terminal."""
     title = f"Position RMSE on held-out episodes, mean of the episodes [{summary.shown.shown}]"
-    return f"{title}\n{align_columns(HEADERS, make_rows(summary))}"
+    return f"{title}\n{align_table(HEADERS, make_rows(summary))}"
 
 
-def format_markdown(summary: SweepSummary, notes: Sequence[str]) -> str:
-    """Return the table and notes as Markdown."""
-    lines = ["| " + " | ".join(row) + " |" for row in (HEADERS, ["---"] * len(HEADERS), *make_rows(summary))]
+def format_markdown(summary: SweepSummary) -> str:
+    """Return the table and what the sweep found as Markdown."""
     what = "degrees" if summary.shown is HINGE else "millimetres"
     head = f"Position RMSE on held-out episodes, mean of the episodes, in {what}; spread over seeds."
-    return "\n\n".join([head, "\n".join(lines), *notes]) + "\n"
+    return "\n\n".join([head, format_markdown_table(HEADERS, make_rows(summary)), summary.sentence()]) + "\n"

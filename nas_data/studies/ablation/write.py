@@ -17,14 +17,13 @@ from nas_data.typed_json import make_finite
 TABLE, FIGURE = "ablation.md", "ablation.png"
 
 
-def write(folder: Path, summary: SweepSummary, more: Mapping[str, object], notes: Sequence[str]) -> dict[str, Path]:
+def write(folder: Path, summary: SweepSummary, more: Mapping[str, object]) -> dict[str, Path]:
     """Write all three; the figure only if a trial succeeded.
 
     Args:
         folder: Folder of the sweep.
         summary: Its summary.
         more: Further entries of the JSON file.
-        notes: Sentences below the table.
 
     Returns:
         The files by kind.
@@ -32,7 +31,7 @@ def write(folder: Path, summary: SweepSummary, more: Mapping[str, object], notes
     files = {"result": folder / JSON, "table": folder / TABLE}
     content = make_finite({"schema": 1, **summary.to_json(), **more})
     write_atomic(files["result"], (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
-    write_atomic(files["table"], format_markdown(summary, [summary.sentence(), *notes]).encode())
+    write_atomic(files["table"], format_markdown(summary).encode())
     if summary.cells:
         files["figure"] = folder / FIGURE
         write_atomic(files["figure"], draw_picture(summary))

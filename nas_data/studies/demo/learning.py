@@ -1,7 +1,6 @@
 """Third stage of the demo: φ and ψ are trained in parallel, and compared with the names on held-out episodes."""
 
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -15,8 +14,8 @@ from nas_data.metrics import Errors
 from nas_data.models.evaluation import MODEL, Evaluation, evaluate
 from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
-from nas_data.runs.parallel import run_jobs
-from nas_data.runs.progress import Report, say
+from nas_data.runs.parallel import count_cores, run_jobs
+from nas_data.runs.progress import say
 from nas_data.runs.stages import INDENT, StageResult
 from nas_data.sources import find_source
 from nas_data.studies.demo.naming import read_named_dynamics
@@ -37,12 +36,8 @@ ErrorTable = dict[str, dict[str, float]]
 
 def learn(job: ModelJob) -> list[dict[str, float]]:
     """Train one of the two models; its name is part of each progress line."""
-    return train_model(job, make_reporter("φ" if job.kind == "delta" else "ψ"))
-
-
-def make_reporter(name: str) -> Report:
-    """Return a report that prints the model's name in each line."""
-    return lambda line: say(f"{INDENT}{name}  {line}")
+    name = "φ" if job.kind == "delta" else "ψ"
+    return train_model(job, lambda line: say(f"{INDENT}{name}  {line}"))
 
 
 def learn_models(demo: Demo) -> StageResult:
@@ -113,8 +108,3 @@ def load_rollouts(path: Path) -> dict[str, np.ndarray]:
     """Return the stored positions [rad], shape (E, T, n): measured, then by predictor in the order of tables."""
     kept = load_file(path)
     return {name: kept[name] for name in ("measured", *SHOWN) if name in kept}
-
-
-def count_cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0))

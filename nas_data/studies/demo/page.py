@@ -6,12 +6,13 @@ import numpy as np
 
 from nas_data.atomic_file import write_atomic
 from nas_data.benchmarks.hardware import read_hardware
+from nas_data.count_of import join_items
 from nas_data.dataset.provenance import format_current_time, read_provenance
 from nas_data.gap.report import GapReport
 from nas_data.gap.showing.page_charts import draw_joint_errors as errors_by_joint
 from nas_data.gap.showing.page_tables import NONE, make_joints_table
 from nas_data.gap.showing.page_verdict import describe_verdict
-from nas_data.gap.showing.page_words import as_words, format_confidence, format_interval, format_value, join_items
+from nas_data.gap.showing.page_words import as_words, format_confidence, format_interval, format_value
 from nas_data.gap.showing.series import Series
 from nas_data.joint_units import HINGE
 from nas_data.reports.charts import make_axis, make_log_axis, make_motion_chart, make_spread
@@ -45,11 +46,12 @@ LEARNERS = ("source", "source + φ", "ψ", NAMES)  # predictors in the trajector
 def write_page(demo: Demo) -> StageResult:
     """Write the page."""
     runs = find_runs([demo.folder / folder for folder in (*FOLDERS.values(), POLICIES)])
+    summaries = [line for name in ("names", "models", "policies") for line in read_stage(name, demo.folder).summary]
     page = HtmlPage(
         "The gap between a simulator and its robot: recorded, learned, closed",
         [
             PageSection("", [Text(LEAD, lead=True), *(Text(line) for line in describe_demo(demo.plan))]),
-            PageSection("In short", [Text(line + ".") for line in list_summaries(demo)]),
+            PageSection("In short", [Text(line + ".") for line in summaries]),
             PageSection("What the simulator lacks, by name", make_names_blocks(demo)),
             PageSection("One joint, as it moved and as it was predicted", [make_predictions_chart(demo)]),
             PageSection("Errors of prediction", make_errors_blocks(demo)),
@@ -66,11 +68,6 @@ def write_page(demo: Demo) -> StageResult:
 def list_joints_with(plan: DemoPlan, effect: str) -> list[str]:
     """Return the joints in which the target has an effect."""
     return [item.joint for item in plan.task.effects(plan.dynamics) if item.name() == effect and item.joint]
-
-
-def list_summaries(demo: Demo) -> list[str]:
-    """Return the summaries of the stages."""
-    return [line for name in ("names", "models", "policies") for line in read_stage(name, demo.folder).summary]
 
 
 def describe_demo(plan: DemoPlan) -> list[str]:

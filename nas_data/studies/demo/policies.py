@@ -12,8 +12,9 @@ from nas_data.policies.evaluate import score_baselines
 from nas_data.policies.hyperparameters import Hyperparameters
 from nas_data.policies.intervals import describe_bootstrap
 from nas_data.policies.training_progress import report_training_progress
+from nas_data.runs.parallel import count_cores
 from nas_data.runs.stages import INDENT, StageResult
-from nas_data.studies.demo.learning import FOLDERS, count_cores
+from nas_data.studies.demo.learning import FOLDERS
 from nas_data.studies.demo.naming import read_named_dynamics
 from nas_data.studies.demo.plan import Demo
 

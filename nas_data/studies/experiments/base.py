@@ -10,6 +10,7 @@ from nas_data.envs.base import find_task_file
 from nas_data.simulators.engines import ENGINE_NAMES
 from nas_data.studies.experiments.pipeline.artifacts import Artifacts, MaterialPlan
 from nas_data.studies.experiments.pipeline.sizes import Sizes
+from nas_data.text_table import format_markdown_table, format_table
 
 FOLDER = "studies.experiments"
 
@@ -86,14 +87,11 @@ class ResultTable:
 
     def text(self) -> str:
         """Return the table as aligned text."""
-        from nas_data.policies.tables import align_columns
-
-        return "\n".join([self.title, align_columns(self.headers, self.rows), *self.notes])
+        return "\n".join([self.title, format_table(self.headers, self.rows), *self.notes])
 
     def markdown(self) -> str:
         """Return the table as Markdown."""
-        lines = ["| " + " | ".join(row) + " |" for row in (self.headers, ["---"] * len(self.headers), *self.rows)]
-        return "\n\n".join([self.title, "\n".join(lines), *self.notes])
+        return "\n\n".join([self.title, format_markdown_table(self.headers, self.rows), *self.notes])
 
 
 @dataclass(frozen=True)

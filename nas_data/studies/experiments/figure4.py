@@ -29,7 +29,8 @@ def run(request: Request) -> ExperimentResult:
         rows = [make_row(found, name) for name in DRAWN]
         tables.append(ResultTable(title, HEADERS, rows, list_model_notes(found.material)))
         notes.append(describe_sequence(found, environment))
-        data[environment] = {**found.describe(), "rms_error_rad": {name: list_errors(found, name) for name in DRAWN}}
+        errors = {name: found.errors(name)[found.episode].tolist() for name in DRAWN}
+        data[environment] = {**found.describe(), "rms_error_rad": errors}
     return ExperimentResult(tables, notes, {"environments": data}, pictures)
 
 
@@ -45,12 +46,6 @@ def describe_sequence(found: Sequence, environment: str) -> str:
         f"is the median. Drawn is {found.dataset.joints[found.joint]}, which the source predicts worst. "
         f"'All held out' is the median of {count_of(found.dataset.n_episodes, 'episode')}.{lost}"
     )
-
-
-def list_errors(found: Sequence, name: str) -> list[float]:
-    """Return a predictor's error at each step [rad]."""
-    errors: list[float] = found.errors(name)[found.episode].tolist()
-    return errors
 
 
 def make_row(found: Sequence, name: str) -> tuple[str, ...]:

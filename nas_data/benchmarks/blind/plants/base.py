@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import fields
-from typing import Protocol, TypeAlias
+from dataclasses import dataclass, fields
+from typing import TypeAlias
 
 import numpy as np
 
@@ -32,8 +32,15 @@ Simulate: TypeAlias = Callable[
 SimulateAlike: TypeAlias = Callable[[list[PlantBody], np.ndarray, np.ndarray, float, Feedback | None], np.ndarray]
 
 
-class Play(Protocol):
-    """Plays the same episodes on an arm under each of several truths."""
+@dataclass(frozen=True)
+class Play:
+    """Plays the same episodes on an arm under each of several truths.
+
+    Attributes:
+        simulate: Simulates episodes from given states.
+    """
+
+    simulate: Simulate
 
     def __call__(
         self,
@@ -62,6 +69,12 @@ class Play(Protocol):
             Positions [rad], then velocities [rad/s], before the first command and after each, shape
             (len(truths), E, T + 1, 2n).
         """
+        if speeds is not None:
+            return self.simulate(arm, truths, commands, np.concatenate([poses, speeds], axis=1), period, feedback)
+        held = max(1, math.ceil(settle / period - 1e-9))  # control periods for which the poses are commanded
+        whole = np.concatenate([np.repeat(poses[:, None], held, axis=1), commands], axis=1)
+        rest = np.concatenate([poses, np.zeros_like(poses)], axis=1)
+        return self.simulate(arm, truths, whole, rest, period, feedback)[:, :, held:]
 
 
 def find_plant(name: str) -> Play:
@@ -76,28 +89,6 @@ def find_plant(name: str) -> Play:
     if name not in plants:
         raise UnknownName("plant", name, plants)
     play: Play = registry.import_plugin("benchmarks.blind.plants", name + SUFFIX, "plant").play
-    return play
-
-
-def make_play(simulate: Simulate) -> Play:
-    """Return a plant's `play` from its simulation."""
-
-    def play(
-        arm: NominalArm,
-        truths: Sequence[Truth],
-        commands: np.ndarray,
-        poses: np.ndarray,
-        period: float,
-        settle: float = SETTLE,
-        speeds: np.ndarray | None = None,
-        feedback: Feedback | None = None,
-    ) -> np.ndarray:
-        if speeds is not None:
-            return simulate(arm, truths, commands, np.concatenate([poses, speeds], axis=1), period, feedback)
-        whole, held = with_settling(commands, poses, period, settle)
-        rest = np.concatenate([poses, np.zeros_like(poses)], axis=1)
-        return simulate(arm, truths, whole, rest, period, feedback)[:, :, held:]
-
     return play
 
 
@@ -119,14 +110,6 @@ def make_grouped_simulation(simulate: SimulateAlike) -> Simulate:
         return result
 
     return every
-
-
-def with_settling(
-    commands: np.ndarray, poses: np.ndarray, period: float, settle: float = SETTLE
-) -> tuple[np.ndarray, int]:
-    """Return commands preceded by the held pose, and how many control periods that takes."""
-    held = max(1, math.ceil(settle / period - 1e-9))
-    return np.concatenate([np.repeat(poses[:, None], held, axis=1), commands], axis=1), held
 
 
 def group_by_links(arm: NominalArm, truths: Sequence[Truth]) -> Iterator[tuple[list[int], list[PlantBody]]]:

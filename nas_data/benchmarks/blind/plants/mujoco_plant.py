@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from nas_data.benchmarks.blind.arms import NominalArm
-from nas_data.benchmarks.blind.plants.base import Feedback, make_play
+from nas_data.benchmarks.blind.plants.base import Feedback, Play
 from nas_data.benchmarks.blind.truth import Base, Truth
 from nas_data.effects.base import make_effect
 from nas_data.robots.base import Robot
@@ -37,7 +37,7 @@ def simulate(
     return np.concatenate([first, played[..., : starts.shape[1]]], axis=2)
 
 
-play = make_play(simulate)
+play = Play(simulate)
 
 
 def roll_out_closed_loop(simulator: MujocoSimulator, starts: np.ndarray, steps: int, feedback: Feedback) -> np.ndarray:

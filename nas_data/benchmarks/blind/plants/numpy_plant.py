@@ -4,10 +4,10 @@ import numpy as np
 
 from nas_data.benchmarks.blind.plants.base import (
     Feedback,
+    Play,
     compute_start_states,
     make_chain,
     make_grouped_simulation,
-    make_play,
     pad_commands,
 )
 from nas_data.benchmarks.blind.plants.body import PlantBody, stack_arms
@@ -38,4 +38,4 @@ def simulate(
     return measured.reshape(len(bodies), episodes, steps + 1, 2 * n)
 
 
-play = make_play(make_grouped_simulation(simulate))
+play = Play(make_grouped_simulation(simulate))

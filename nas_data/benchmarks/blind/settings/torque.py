@@ -61,11 +61,6 @@ def compute_saturating_friction(constants: Constants) -> np.ndarray:
     return read_torque_limits(constants) / USUAL[constants.sliding.astype(int)]
 
 
-def compute_saturating_stiffness(constants: Constants) -> np.ndarray:
-    """Return the stiffness [N m/rad] at which the farthest reach takes the whole of the torque limits."""
-    return read_torque_limits(constants) / find_reach(constants.sliding)[:, 1]
-
-
 def draw_payload_mass(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
     """A third to twice what the last axis moves."""
     return {"mass": float(constants.masses[-1]) * Span(0.3, 2.0, 0.02).draw(rng, faint)}
@@ -82,7 +77,7 @@ def draw_cable(rng: Rng, constants: Constants, joint: int, faint: bool) -> Value
     """A cable that pulls with up to a third of the torque limit, slack over part of the joint's range."""
     reach = float(find_reach(constants.sliding)[joint, 1])
     return {
-        "stiffness": float(compute_saturating_stiffness(constants)[joint]) * Span(0.05, 0.3, 0.005).draw(rng, faint),
+        "stiffness": float(read_torque_limits(constants)[joint]) / reach * Span(0.05, 0.3, 0.005).draw(rng, faint),
         "angle": float(rng.uniform(-0.6, 0.6)) * reach,
         "side": float(rng.choice([-1, 1])),
     }

@@ -71,11 +71,6 @@ def describe_audit_findings(members: Sequence[AuditFinding], episodes: int) -> s
     return f"In {first.file} {first.what}{more}."
 
 
-def join_names(items: list[str]) -> str:
-    """Return names as a phrase: `a`, `a and b`, `a, b and c`."""
-    return " and ".join([", ".join(items[:-1]), items[-1]] if len(items) > 1 else items)
-
-
 def format_percent(share: float) -> str:
     """Return a share in percent, small ones with more digits."""
     return f"{100 * share:.2g} %" if share < 0.1 else f"{100 * share:.0f} %"

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from nas_data.count_of import count_of
+from nas_data.count_of import count_of, join_items
 from nas_data.errors import ModelFileError
 from nas_data.gap.episode_batch import EpisodeBatch
-from nas_data.gap.finding.audits.base import Examined, join_names
+from nas_data.gap.finding.audits.base import Examined
 from nas_data.gap.report_parts import Check
 
 NAME = "command shift"
@@ -39,7 +39,7 @@ def select_names(examined: Examined, chosen: np.ndarray) -> str:
     """Return the names of chosen joints (n,)."""
     if chosen.all():
         return "all joints"
-    return join_names([joint for joint, is_chosen in zip(examined.nominal.joints, chosen, strict=True) if is_chosen])
+    return join_items([joint for joint, is_chosen in zip(examined.nominal.joints, chosen, strict=True) if is_chosen])
 
 
 def describe_shift(joints: str, shift: int, slip: bool, period: float) -> str:

@@ -1,6 +1,7 @@
 """Contacts: shapes of the model that penetrate in measured poses."""
 
-from nas_data.gap.finding.audits.base import Examined, format_percent, join_names
+from nas_data.count_of import join_items
+from nas_data.gap.finding.audits.base import Examined, format_percent
 from nas_data.gap.report_parts import Check
 
 NAME = "contacts"
@@ -18,7 +19,7 @@ def check(examined: Examined) -> Check:
     more = [f"{len(each) - SHOWN} more pairs"] if len(each) > SHOWN else []
     return Check(
         NAME,
-        f"Where the arm was measured, shapes of the model lie in each other: {join_names([*each[:SHOWN], *more])}. "
+        f"Where the arm was measured, shapes of the model lie in each other: {join_items([*each[:SHOWN], *more])}. "
         "It moves as if they did not touch. These contacts are left out of the search and of the model that it writes; "
         "check the zeros of the joints, what the arm stands on, and the model's shapes.",
         ok=False,

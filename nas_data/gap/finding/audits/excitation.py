@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from nas_data.count_of import join_items
 from nas_data.gap.episode_batch import EpisodeBatch
-from nas_data.gap.finding.audits.base import Examined, join_names
+from nas_data.gap.finding.audits.base import Examined
 from nas_data.gap.finding.recorded import STILL
 from nas_data.gap.report_parts import Check
 
@@ -24,7 +25,7 @@ def check(examined: Examined) -> Check:
 
 def join_chosen(evidence: EpisodeBatch, chosen: np.ndarray) -> str:
     """Return the names of chosen joints (n,)."""
-    return join_names([joint for joint, is_chosen in zip(evidence.joints, chosen, strict=True) if is_chosen])
+    return join_items([joint for joint, is_chosen in zip(evidence.joints, chosen, strict=True) if is_chosen])
 
 
 def find_constant_commands(evidence: EpisodeBatch) -> np.ndarray:

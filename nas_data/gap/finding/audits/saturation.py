@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from nas_data.gap.finding.audits.base import Examined, format_percent, join_names
+from nas_data.count_of import join_items
+from nas_data.gap.finding.audits.base import Examined, format_percent
 from nas_data.gap.report_parts import Check
 from nas_data.simulators.limits import command_limits
 
@@ -36,7 +37,7 @@ def check(examined: Examined) -> Check:
 def describe_shares(examined: Examined, values: np.ndarray) -> str:
     """Return joints with their shares of the rows, above `NOTED`."""
     pairs = zip(examined.nominal.joints, values, strict=True)
-    return join_names([f"{format_percent(value)} of the rows of {joint}" for joint, value in pairs if value > NOTED])
+    return join_items([f"{format_percent(value)} of the rows of {joint}" for joint, value in pairs if value > NOTED])
 
 
 def find_out_of_range(examined: Examined) -> np.ndarray:

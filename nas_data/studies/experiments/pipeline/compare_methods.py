@@ -41,11 +41,6 @@ def make_headers(seeds: int) -> tuple[str, ...]:
     )
 
 
-def choose_methods(request: Request) -> tuple[str, ...]:
-    """Return the methods to compare."""
-    return request.methods or tuple(METHODS)
-
-
 def make_hyperparameters(sizes: Sizes) -> Hyperparameters:
     """Return the hyperparameters of PPO."""
     return Hyperparameters(arms=sizes.arms, rollout=sizes.rollout, minibatches=sizes.minibatches, epochs=sizes.epochs)
@@ -53,7 +48,7 @@ def make_hyperparameters(sizes: Sizes) -> Hyperparameters:
 
 def compare_methods(request: Request, environment: str) -> tuple[Artifacts, Comparison]:
     """Train every method with every seed, and evaluate all on the target; methods without artifacts come first."""
-    names = choose_methods(request)
+    names = request.methods or tuple(METHODS)
     needs = sorted(list_needed_stages(names))
     bare = tuple(name for name in names if not METHODS[name].needs)
     if bare:

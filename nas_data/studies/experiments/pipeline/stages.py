@@ -14,8 +14,17 @@ from nas_data.gap.named import Named
 from nas_data.models.lstm import Kind
 from nas_data.runs.code_hash import hash_code, list_effect_modules, list_gap_modules
 from nas_data.runs.progress import RateLimited, Report
-from nas_data.runs.stages import INDENT, Stage, StageResult, Work, read_done, run_stages
-from nas_data.runs.stages_side_by_side import Part, do_part, run_side_by_side
+from nas_data.runs.stages import (
+    INDENT,
+    Part,
+    Stage,
+    StageResult,
+    Work,
+    do_part,
+    read_done,
+    run_side_by_side,
+    run_stages,
+)
 from nas_data.studies.experiments.pipeline.artifacts import (
     DATASETS,
     HELDOUT,

@@ -1,0 +1,30 @@
+"""Tables as text: aligned columns for a terminal, or Markdown."""
+
+from collections.abc import Collection, Sequence
+
+
+def align_columns(rows: Sequence[Sequence[str]], left: Collection[int] = (0,), least: int = 0) -> list[str]:
+    """Return a table as lines; columns are two spaces apart.
+
+    Args:
+        rows: Cells, the heading's first; every row has as many.
+        left: Numbers of the columns whose cells stand left; the others stand right.
+        least: Smallest width of a column that stands right.
+    """
+    columns = []
+    for number, cells in enumerate(zip(*rows, strict=True)):
+        width = max(map(len, cells))
+        columns.append([cell.ljust(width) if number in left else cell.rjust(max(width, least)) for cell in cells])
+    return ["  ".join(cells).rstrip() for cells in zip(*columns, strict=True)]
+
+
+def format_table(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table with a rule below its heading: the first column left, the others right."""
+    heading, *lines = align_columns([headers, *rows])
+    rule = align_columns([["-" * max(map(len, cells)) for cells in zip(headers, *rows, strict=True)]])
+    return "\n".join([heading, *rule, *lines])
+
+
+def format_markdown_table(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table as Markdown."""
+    return "\n".join("| " + " | ".join(row) + " |" for row in (headers, ["---"] * len(headers), *rows))
