@@ -217,6 +217,8 @@ def test_numbers_are_said_with_three_digits():
     assert format_value(0.0017, "kg") == "1.70 g"
     assert format_value(0.012, "N·m") == "0.0120 N·m"
     assert format_with_si(0.8, "") == "0.800"
+    assert format_with_si(1.2e-5, "kg·m²") == "120 g·cm² (0.0000120 kg·m²)"
+    assert format_with_si(0.0136, "kg·m²") == "0.0136 kg·m²"
     assert join_items(["a", "b", "c"]) == "a, b and c"
     assert join_items(["a"]) == "a"
     assert format_figures(1e-17) == "0", "a joint that never moved errs by rounding"
@@ -228,6 +230,11 @@ def test_joints_of_one_effect_are_told_together(tmp_path):
     assert list_effects(moved[:1]) == "backlash in m3"
     assert list_effects([*moved, replace(moved[0], name="payload", joint=None)]) == (
         "backlash in m3, m6 and m1; payload (whole arm)"
+    )
+    many = [replace(effect, name="backlash", joint=f"m{number}") for number in range(4)]
+    assert (
+        list_effects([*many, replace(effect, name="payload", joint=None)])
+        == "backlash in 4 joints; payload (whole arm)"
     )
     assert list_effects([moved[0], replace(moved[0], name="deadband")]) == "backlash in m3 and deadband in m3"
 

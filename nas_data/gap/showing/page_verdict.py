@@ -4,10 +4,9 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Literal
 
-from nas_data.count_of import join_items
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_parts import GapErrors, Retuned, Unexplained
-from nas_data.gap.showing.page_words import LIKELY, format_figures, format_value, list_effects
+from nas_data.gap.showing.page_words import LIKELY, format_figures, format_value, list_effects, list_joints
 
 
 def describe_verdict(report: GapReport) -> str:
@@ -120,7 +119,7 @@ def describe_drop(report: GapReport) -> str:
 def describe_places(report: GapReport) -> str:
     """Return the unexplained joints at the end of a sentence."""
     joints = [rest.joint for rest in report.unexplained]
-    return f", at {join_items(joints)}" if joints else ""
+    return f", at {list_joints(joints)}" if joints else ""
 
 
 def describe_rest(entry: Unexplained) -> str:

@@ -18,6 +18,8 @@ FRIENDLY = {
     "kg": (" g", 1e3),
     "kg·m²": (" g·cm²", 1e7),
 }
+LARGE = 1e4  # in display units; from here on, the SI unit is easier to read
+MOST_JOINTS = 3  # that a sentence lists by name
 ROUNDING = 1e-12  # smaller numbers are rounding errors
 ANGLE = "rad"  # the unit of errors where a report does not say
 ENDS: tuple[Literal["heldout_error_before"], Literal["heldout_error_after"]] = (
@@ -41,14 +43,16 @@ def format_figures(value: float, digits: int = 3) -> str:
 
 def format_value(value: float, unit: str) -> str:
     """Return a value [SI] in display units."""
-    name, scale = FRIENDLY.get(unit, (f" {unit}" if unit else "", 1.0))
+    name, scale = FRIENDLY.get(unit, ("", 1.0))
+    if not name or abs(value * scale) >= LARGE:
+        name, scale = f" {unit}" if unit else "", 1.0
     return format_figures(value * scale) + name
 
 
 def format_with_si(value: float, unit: str) -> str:
     """Return a value in display units, followed by the SI value if different."""
-    plain = f" ({format_figures(value)} {unit})" if unit in FRIENDLY else ""
-    return format_value(value, unit) + plain
+    shown, plain = format_value(value, unit), f"{format_figures(value)} {unit}"
+    return f"{shown} ({plain})" if unit in FRIENDLY and shown != plain else shown
 
 
 def format_interval(number: FittedParameter) -> str:
@@ -74,8 +78,13 @@ def list_effects(effects: Sequence[NamedEffect]) -> str:
     joints: dict[str, list[str]] = {}
     for effect in effects:
         joints.setdefault(as_words(effect.name), []).append(effect.joint or "")
-    told = [f"{name} in {join_items(where)}" if where[0] else f"{name} (whole arm)" for name, where in joints.items()]
+    told = [f"{name} in {list_joints(where)}" if where[0] else f"{name} (whole arm)" for name, where in joints.items()]
     return join_items(told) if len(told) == len(effects) else "; ".join(told)
+
+
+def list_joints(joints: Sequence[str]) -> str:
+    """Return joints as a phrase: their names, or their number if they are many."""
+    return join_items(joints) if len(joints) <= MOST_JOINTS else f"{len(joints)} joints"
 
 
 def capitalise(text: str) -> str:
