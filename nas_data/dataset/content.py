@@ -40,8 +40,8 @@ def hash_content(dataset: Dataset) -> str:
             for key, feature in dataset.features.items()
         },
     }
-    if dataset.carried and dataset.carried.features:
-        described = dataset.carried.features
+    if dataset.passthrough and dataset.passthrough.features:
+        described = dataset.passthrough.features
         header["carried"] = {key: [entry.get("dtype"), entry.get("shape")] for key, entry in described.items()}
     digest = hashlib.sha256(json.dumps(header, sort_keys=True, separators=(",", ":")).encode())
     for key in sorted(dataset.features):

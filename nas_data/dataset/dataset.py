@@ -10,8 +10,8 @@ import numpy as np
 
 from nas_data.arrays import Array
 from nas_data.count_of import count_of
-from nas_data.dataset.carried import Carried
 from nas_data.dataset.features import ACTION, EFFORT, NEXT_STATE, POSITION, SIM_STATE, STATE, VELOCITY, Feature
+from nas_data.dataset.passthrough import PassthroughFeatures
 from nas_data.errors import DatasetInvalid, JointMismatch
 from nas_data.joint_units import SLIDE
 
@@ -32,7 +32,7 @@ class Dataset:
         fps: Control rate [Hz].
         robot_type: Robot's name as LeRobot stores it.
         tasks: Task of each episode, as a word or sentence; several in an episode are joined in alphabetical order.
-        carried: Pass-through features such as cameras, texts and matrices; None if there are none.
+        passthrough: Pass-through features such as cameras, texts and matrices; None if there are none.
         origin: Origin of the dataset; None if unknown.
         frame_tasks: Task of each frame, shape (N,), from which `tasks` follow; None if each episode has a single one.
     """
@@ -43,7 +43,7 @@ class Dataset:
     fps: float
     robot_type: str = "unknown"
     tasks: tuple[str, ...] = field(default=())
-    carried: Carried | None = None
+    passthrough: PassthroughFeatures | None = None
     origin: "Origin | None" = field(default=None, compare=False)
     frame_tasks: Array | None = None
 
@@ -290,7 +290,7 @@ class Dataset:
             columns={key: column[rows] for key, column in self.columns.items()},
             lengths=lengths,
             tasks=tuple(tasks),
-            carried=self.carried and self.carried.take(rows),
+            passthrough=self.passthrough and self.passthrough.take(rows),
             frame_tasks=None if self.frame_tasks is None else self.frame_tasks[rows],
         )
 

@@ -11,15 +11,15 @@ import numpy as np
 
 from nas_data.count_of import count_of
 from nas_data.dataset import layout
-from nas_data.dataset.carried_source import CarriedSource
 from nas_data.dataset.info import DatasetInfo
+from nas_data.dataset.passthrough_source import PassthroughSource
 from nas_data.dataset.videos import VIDEO_PATH, VideoPlace
 from nas_data.errors import DatasetInvalid
 
 SHORT, LARGE = 4, 16  # [bytes] of the size of a box in an MP4 file; of a header with a 64-bit size
 
 
-class FilmedSource(CarriedSource):
+class FilmedSource(PassthroughSource):
     """A dataset with salvaged rows whose only pass-through features are videos."""
 
     def __init__(self, root: Path, episodes: np.ndarray, lengths: np.ndarray, fps: float) -> None:

@@ -8,12 +8,12 @@ import numpy as np
 from nas_data.arrays import Array
 from nas_data.count_of import count_of
 from nas_data.dataset import layout
-from nas_data.dataset.carried import Carried, shared_features
 from nas_data.dataset.content import hash_episodes
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import Derived, Original, find_common_value, inherit
 from nas_data.dataset.descriptions import describe_kind, find_difference
 from nas_data.dataset.features import SIM_STATE, STATE, Feature
+from nas_data.dataset.passthrough import PassthroughFeatures, shared_features
 from nas_data.errors import DatasetInvalid, JointMismatch
 
 
@@ -51,22 +51,22 @@ def concatenate(datasets: Sequence[Dataset]) -> Dataset:
         fps=first.fps,
         robot_type=first.robot_type,
         tasks=tuple(task for dataset in datasets for task in dataset.tasks),
-        carried=merge_carried([dataset.carried for dataset in datasets]),
+        passthrough=merge_passthrough([dataset.passthrough for dataset in datasets]),
         frame_tasks=merge_frame_tasks(datasets),
     )
 
 
-def merge_carried(carried: Sequence[Carried | None]) -> Carried | None:
+def merge_passthrough(passthrough: Sequence[PassthroughFeatures | None]) -> PassthroughFeatures | None:
     """Concatenate the pass-through features that datasets have in common; None if there are none."""
-    parts = [part for part in carried if part is not None]
-    if not parts or len(parts) < len(carried):
+    parts = [part for part in passthrough if part is not None]
+    if not parts or len(parts) < len(passthrough):
         return None
     frames = [sum(part.frames) for part in parts]
     offsets = np.cumsum([0, *frames[:-1]])
-    return Carried(
+    return PassthroughFeatures(
         tuple(root for part in parts for root in part.roots),
         np.concatenate([part.rows + offset for part, offset in zip(parts, offsets, strict=True)]),
-        kept=tuple(shared_features(carried)),
+        kept=tuple(shared_features(passthrough)),
     )
 
 
@@ -128,15 +128,15 @@ def _check_joints(a: Original, b: Original) -> None:
 
 
 def _check_features(a: Original, b: Original) -> None:
-    carried = [original.dataset.carried.features if original.dataset.carried else {} for original in (a, b)]
-    for key in {**carried[0], **carried[1]}:
-        if key not in carried[0] or key not in carried[1]:
-            poor, rich = (a, b) if key not in carried[0] else (b, a)
+    passthrough = [original.dataset.passthrough.features if original.dataset.passthrough else {} for original in (a, b)]
+    for key in {**passthrough[0], **passthrough[1]}:
+        if key not in passthrough[0] or key not in passthrough[1]:
+            poor, rich = (a, b) if key not in passthrough[0] else (b, a)
             raise DatasetInvalid(
-                f"{poor.root} lacks '{key}' ({describe_kind(carried[rich is b][key])}), which {rich.root} has; "
+                f"{poor.root} lacks '{key}' ({describe_kind(passthrough[rich is b][key])}), which {rich.root} has; "
                 "only datasets with the same cameras and texts are merged."
             )
-        unlike = find_difference(carried[0][key], carried[1][key])
+        unlike = find_difference(passthrough[0][key], passthrough[1][key])
         if unlike is not None:
             what, here, there = unlike
             raise DatasetInvalid(

@@ -98,8 +98,8 @@ def pack(path: Path, out: Path | None = None) -> tuple[Path, Manifest]:
     if not target.parent.is_dir():
         raise OptionError(f"There is no folder {target.parent}; make it, or give another --out.")
     dataset = read(root)
-    if dataset.carried is not None:
-        dataset.carried.check(dataset.starts, dataset.lengths)
+    if dataset.passthrough is not None:
+        dataset.passthrough.check(dataset.starts, dataset.lengths)
     manifest = Manifest(name, int(version.group(1)) if version else 0, hash_content(dataset), hash_files(root))
     check_unchanged(root, manifest)
     hidden = target.parent / f".{target.name}{MARK}{secrets.token_hex(4)}"

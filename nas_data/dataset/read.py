@@ -8,12 +8,12 @@ import numpy as np
 import pyarrow as pa
 
 from nas_data.dataset import layout
-from nas_data.dataset.carried import Carried
 from nas_data.dataset.checks import check_finite
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import TIME, Feature, make_time_feature
 from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.parquet import open_parquet, read_parquet
+from nas_data.dataset.passthrough import PassthroughFeatures
 from nas_data.dataset.versions import resolve
 from nas_data.errors import DatasetInvalid
 
@@ -49,7 +49,7 @@ def read(path: Path) -> Dataset:
         fps=info.fps,
         robot_type=info.robot_type or "unknown",
         tasks=find_episode_tasks(tasks, numbers, lengths),
-        carried=Carried.of(root, int(lengths.sum())),
+        passthrough=PassthroughFeatures.of(root, int(lengths.sum())),
         frame_tasks=frame_tasks(tasks, numbers, lengths),
     )
     stamps = rows.columns["timestamp"]

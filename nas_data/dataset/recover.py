@@ -9,7 +9,6 @@ import numpy as np
 
 from nas_data.count_of import count_of
 from nas_data.dataset import layout
-from nas_data.dataset.carried import Carried
 from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import Derived, make_unknown_provenance, read_attachments
@@ -18,6 +17,7 @@ from nas_data.dataset.episode_checks import EpisodeEntry, find_untrusted, read_e
 from nas_data.dataset.features import Feature
 from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.interrupted_video import FilmedSource
+from nas_data.dataset.passthrough import PassthroughFeatures
 from nas_data.dataset.provenance import Parent, Provenance, format_current_time, read_package_versions, read_provenance
 from nas_data.dataset.read import Rows, find_episode_tasks, frame_tasks, read, read_tasks
 from nas_data.dataset.read_damaged import Salvage, read_damaged_files
@@ -115,8 +115,8 @@ def recover(root: Path, beyond: bool = False, like: Path | None = None) -> Rescu
     tasks = _recover_tasks(root, found, known)
     dataset = _build_dataset(info, found, kept, tasks)
     dataset = replace(dataset, frame_tasks=_frame_tasks(root, found, kept))
-    carried, left_out = _recover_carried(root, info, found, kept, dataset.lengths, described=like is None)
-    dataset, reports = replace(dataset, carried=carried), [*reports, *left_out]
+    passthrough, left_out = _recover_passthrough(root, info, found, kept, dataset.lengths, described=like is None)
+    dataset, reports = replace(dataset, passthrough=passthrough), [*reports, *left_out]
     unknown = [episode for episode in kept if not tasks[episode]]
     if unknown:
         reports.append(
@@ -210,21 +210,21 @@ def _build_dataset(info: DatasetInfo, found: Salvage, kept: Sequence[int], tasks
     )
 
 
-def _recover_carried(
+def _recover_passthrough(
     root: Path, info: DatasetInfo, found: Salvage, kept: Sequence[int], lengths: np.ndarray, described: bool
-) -> tuple[Carried | None, list[str]]:
+) -> tuple[PassthroughFeatures | None, list[str]]:
     """Return the pass-through features of the recovered episodes, or the reason why they are left out."""
     keys = info.other_features
     reason = f"{layout.INFO} is lost"
     if described:
         try:
-            return Carried.rescued(root, kept, lengths), []
+            return PassthroughFeatures.rescued(root, kept, lengths), []
         except DatasetInvalid as error:
             reason = _reason(error)
     if described and {info.features[key].get("dtype") for key in keys} == {VIDEO}:
         try:
             filmed = FilmedSource(root, found.episodes, found.lengths, info.fps)
-            return Carried.rescued(root, kept, lengths, filmed), []
+            return PassthroughFeatures.rescued(root, kept, lengths, filmed), []
         except DatasetInvalid as error:
             reason = _reason(error)
     if not keys:

@@ -184,10 +184,10 @@ def _check_episodes(evidence: VerifyInput) -> Iterator[str]:
 def _passed_through(evidence: VerifyInput) -> Iterator[str]:
     """Report a missing video or column where no provenance tells which files there were."""
     dataset = evidence.dataset
-    if dataset.carried is None or evidence.provenance is not None:
+    if dataset.passthrough is None or evidence.provenance is not None:
         return
     try:
-        dataset.carried.check(dataset.starts, dataset.lengths)
+        dataset.passthrough.check(dataset.starts, dataset.lengths)
     except DatasetInvalid as error:
         yield str(error)
 

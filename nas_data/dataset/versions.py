@@ -115,7 +115,7 @@ def write_version(
     digest = hash_content(dataset)
     home = folder / name
     written = {name: hashlib.sha256(content).hexdigest() for name, content in (attachments or {}).items()}
-    carries = dataset.carried is not None or dataset.frame_tasks is not None
+    carries = dataset.passthrough is not None or dataset.frame_tasks is not None
     existing = None if carries else _find_same_version(home, digest, written, damaged)
     if existing:
         return existing

@@ -53,8 +53,8 @@ def write(dataset: Dataset, root: Path, provenance: Provenance, attachments: Map
 def fill(folder: Path, dataset: Dataset, provenance: Provenance, attachments: Mapping[str, bytes]) -> None:
     """Write every file of a dataset that passed `check_storable` into a folder."""
     hashes: dict[str, Future[str]] = {}
-    carried = dataset.carried
-    clips = carried.clips(dataset.starts, dataset.lengths, dataset.fps) if carried else {}
+    passthrough = dataset.passthrough
+    clips = passthrough.clips(dataset.starts, dataset.lengths, dataset.fps) if passthrough else {}
     places, videos = place_videos(folder, clips)
     with ThreadPoolExecutor(max_workers=1) as disk:
         hashes |= {name: disk.submit(_hash, path) for name, path in videos.items()}
@@ -97,8 +97,8 @@ def _make_files(
     yield layout.INFO, encode_json(as_object(make_info(dataset, len(tasks))))
     yield layout.TASKS, encode_parquet(_make_task_table(tasks))
     row_bytes = sum(column.itemsize * column.shape[1] for column in columns.values())
-    carried = dataset.carried
-    files = split_episodes(dataset.lengths, row_bytes + (carried.row_bytes if carried else 0))
+    passthrough = dataset.passthrough
+    files = split_episodes(dataset.lengths, row_bytes + (passthrough.row_bytes if passthrough else 0))
     # NumPy sorts and Arrow encodes without the GIL, so both run in parallel.
     with ThreadPoolExecutor(max_workers=1) as beside:
         statistics_later = beside.submit(compute_statistics, columns, dataset.lengths)
@@ -107,7 +107,7 @@ def _make_files(
         found = statistics_later.result()
     table = make_episode_table(dataset, files, found)
     table = pa.table({**{key: table[key] for key in table.column_names}, **{k: pa.array(v) for k, v in places.items()}})
-    seen = carried.statistics(dataset.starts) if carried else []
+    seen = passthrough.statistics(dataset.starts) if passthrough else []
     for key in dict.fromkeys(key for entry in seen for key in entry):
         table = table.append_column(key, pa.array([entry.get(key) for entry in seen]))
     for number, rows in enumerate(split_episodes(np.ones(len(table)), int(table.nbytes / len(table)) + 1)):
@@ -156,11 +156,11 @@ def split_episodes(lengths: np.ndarray, row_bytes: int) -> list[range]:
 
 def make_data_file(columns: Mapping[str, np.ndarray], dataset: Dataset, episodes: range) -> memoryview:
     """Return a Parquet file of some episodes, one row group an episode as LeRobot has it."""
-    lengths, carried = dataset.lengths, dataset.carried
+    lengths, passthrough = dataset.lengths, dataset.passthrough
     first, last = int(lengths[: episodes.start].sum()), int(lengths[: episodes.stop].sum())
     arrays = {key: _convert_to_arrow(column[first:last]) for key, column in columns.items()}
-    further = carried.columns(first, lengths[episodes.start : episodes.stop], dataset.fps) if carried else {}
-    metadata = _make_huggingface_metadata(columns, carried.huggingface() if carried else {})
+    further = passthrough.columns(first, lengths[episodes.start : episodes.stop], dataset.fps) if passthrough else {}
+    metadata = _make_huggingface_metadata(columns, passthrough.huggingface() if passthrough else {})
     table = pa.table({**arrays, **further}).replace_schema_metadata(metadata)
     stream = pa.BufferOutputStream()
     # Dictionaries make files of floats larger and twice as slow, those of messages that every frame repeats ten times
@@ -243,8 +243,8 @@ def _make_task_table(tasks: list[str]) -> pa.Table:
 
 def make_info(dataset: Dataset, n_tasks: int) -> DatasetInfo:
     """Return `meta/info.json` as both LeRobot versions write it."""
-    carried = dataset.carried
-    further = carried.features if carried else {}
+    passthrough = dataset.passthrough
+    further = passthrough.features if passthrough else {}
     automatic = {key: {"dtype": dtype, "shape": [1], "names": None} for key, dtype in layout.AUTOMATIC.items()}
     return DatasetInfo(
         robot_type=dataset.robot_type,
@@ -255,7 +255,7 @@ def make_info(dataset: Dataset, n_tasks: int) -> DatasetInfo:
         splits={"train": f"0:{dataset.n_episodes}"},
         video_path=VIDEO_PATH if any(entry.get("dtype") == VIDEO for entry in further.values()) else None,
         features={**{key: feature.to_info() for key, feature in dataset.features.items()}, **further, **automatic},
-        tools=tuple(carried.tools) or None if carried else None,
+        tools=tuple(passthrough.tools) or None if passthrough else None,
     )
 
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.audits.base import AuditFinding, Remedies
-from nas_data.dataset.carried import VIDEO_LEFT_OUT
 from nas_data.dataset.cutting import cut_at, find_gaps
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.descriptions import describe_left_out
@@ -16,6 +15,7 @@ from nas_data.dataset.features import TIME
 from nas_data.dataset.foreign import import_command, is_ours, refuse
 from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.joints import REMEDY, Components
+from nas_data.dataset.passthrough import VIDEO_LEFT_OUT
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read, read_stamps, with_clock
 from nas_data.dataset.rows import format_rows
@@ -192,8 +192,8 @@ def import_dataset(path: Path, options: ImportOptions) -> tuple[Dataset, Provena
         recorded = with_clock(recorded, read_stamps(root))
     if options.rate is not None:
         recorded = replace(recorded, fps=options.rate)
-        if recorded.carried and options.rate != original.fps:
-            recorded = replace(recorded, carried=recorded.carried.without_videos())
+        if recorded.passthrough and options.rate != original.fps:
+            recorded = replace(recorded, passthrough=recorded.passthrough.without_videos())
     gaps = find_gaps(recorded)
     divided = cut_at(recorded, [frame for frame, _ in gaps])
     try:
@@ -230,7 +230,7 @@ def _refuse_own(root: Path) -> None:
 
 def _report_videos(path: Path, before: Dataset, after: Dataset) -> list[AuditFinding]:
     """Return a finding on the videos that are left out, if there are any."""
-    had, has = (dataset.carried.features if dataset.carried else {} for dataset in (before, after))
+    had, has = (dataset.passthrough.features if dataset.passthrough else {} for dataset in (before, after))
     lost = {key: entry for key, entry in had.items() if key not in has}
     return [AuditFinding("left_out", str(path), describe_left_out(lost, VIDEO_LEFT_OUT), minor=True)] if lost else []
 

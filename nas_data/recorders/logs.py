@@ -9,7 +9,6 @@ import numpy as np
 
 from nas_data.count_of import count_of
 from nas_data.dataset.audits.base import AuditFinding
-from nas_data.dataset.carried import VIDEO_LEFT_OUT, Carried, shared_features
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import subtasks
 from nas_data.dataset.descriptions import describe_left_out
@@ -25,7 +24,8 @@ from nas_data.dataset.features import (
     make_state_feature,
     make_time_feature,
 )
-from nas_data.dataset.merge import merge_carried
+from nas_data.dataset.merge import merge_passthrough
+from nas_data.dataset.passthrough import VIDEO_LEFT_OUT, PassthroughFeatures, shared_features
 from nas_data.dataset.provenance import Parent, Provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.recording import Recording
@@ -215,23 +215,27 @@ def _with_rest(
     if mapping.task == "{task}" and not mapping.resample:
         told = [sources[recording.file].task_of_frame[recording.rows[:-1]] for recording in recordings]
         dataset = replace(dataset, frame_tasks=np.concatenate(told))
-    carried = [
-        source.carried and source.carried.take(np.concatenate([r.rows[:-1] for r in recordings if r.file == file]))
+    passthrough = [
+        source.passthrough
+        and source.passthrough.take(np.concatenate([r.rows[:-1] for r in recordings if r.file == file]))
         for file, source in sources.items()
     ]
-    kept = None if mapping.resample else merge_carried(carried)
+    kept = None if mapping.resample else merge_passthrough(passthrough)
     if kept is not None and mapping.fps != first.fps:
         kept = kept.without_videos()
-    return replace(dataset, carried=kept), _report_lost(recordings, carried, kept, mapping)
+    return replace(dataset, passthrough=kept), _report_lost(recordings, passthrough, kept, mapping)
 
 
 def _report_lost(
-    recordings: Sequence[Recording], carried: Sequence[Carried | None], kept: Carried | None, mapping: Map
+    recordings: Sequence[Recording],
+    passthrough: Sequence[PassthroughFeatures | None],
+    kept: PassthroughFeatures | None,
+    mapping: Map,
 ) -> list[AuditFinding]:
     """Return a finding on the passed-through features that are left out, for each reason."""
-    everything = {key: entry for part in carried if part for key, entry in part.features.items()}
+    everything = {key: entry for part in passthrough if part for key, entry in part.features.items()}
     lost = {key: entry for key, entry in everything.items() if kept is None or key not in kept.features}
-    shared = set(shared_features(carried))
+    shared = set(shared_features(passthrough))
     reasons = {
         "they belong to the rows that were recorded, which are resampled": lost if mapping.resample else {},
         "not every dataset has them, or not all store them alike": {} if mapping.resample else lost.keys() - shared,

@@ -454,7 +454,7 @@ def test_pictures_that_cannot_be_rescued_are_named_with_their_place(here, filmed
     assert main(["recover", "damaged", "--out", "rescued"]) == 0
     (said,) = [line for line in capsys.readouterr().out.splitlines() if "left out" in line]
     assert "'observation.images.front' (video" in said and reason in said and "damaged/videos" in said
-    assert read(here / "rescued").carried is None
+    assert read(here / "rescued").passthrough is None
     assert verify(here / "rescued") == []
 
 

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from nas_data.dataset.carried_source import CarriedSource, take_rows
 from nas_data.dataset.descriptions import (
     LANGUAGE,
     Description,
@@ -23,6 +22,7 @@ from nas_data.dataset.descriptions import (
 from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.language import has_times, move_times
 from nas_data.dataset.parquet import read_parquet
+from nas_data.dataset.passthrough_source import PassthroughSource, take_rows
 from nas_data.dataset.videos import VIDEO, Clip
 from nas_data.errors import DatasetInvalid
 
@@ -30,7 +30,7 @@ VIDEO_LEFT_OUT = "LeRobot finds pictures by the rate at which they were filmed, 
 
 
 @dataclass(frozen=True)
-class Carried:
+class PassthroughFeatures:
     """Pass-through features of N frames.
 
     Attributes:
@@ -42,11 +42,11 @@ class Carried:
 
     roots: tuple[Path, ...]
     rows: np.ndarray
-    salvaged: CarriedSource | None = None
+    salvaged: PassthroughSource | None = None
     kept: tuple[str, ...] | None = None
 
     @classmethod
-    def of(cls, root: Path, frames: int) -> "Carried | None":
+    def of(cls, root: Path, frames: int) -> "PassthroughFeatures | None":
         """Return the pass-through features of a dataset; None if there are none, and no tools either."""
         info = DatasetInfo.read(root)
         wanted = info.other_features or info.tools
@@ -54,8 +54,8 @@ class Carried:
 
     @classmethod
     def rescued(
-        cls, root: Path, episodes: Sequence[int], lengths: np.ndarray, salvaged: CarriedSource | None = None
-    ) -> "Carried | None":
+        cls, root: Path, episodes: Sequence[int], lengths: np.ndarray, salvaged: PassthroughSource | None = None
+    ) -> "PassthroughFeatures | None":
         """Return the pass-through features of undamaged episodes in a damaged dataset.
 
         Args:
@@ -105,15 +105,15 @@ class Carried:
         """Number of frames of each root."""
         return tuple(source.frames for source in self._sources)
 
-    def take(self, chosen: np.ndarray) -> "Carried":
+    def take(self, chosen: np.ndarray) -> "PassthroughFeatures":
         """Return some of the frames."""
         return replace(self, rows=self.rows[chosen])
 
-    def only(self, keys: Iterable[str]) -> "Carried":
+    def only(self, keys: Iterable[str]) -> "PassthroughFeatures":
         """Return the features of some keys."""
         return replace(self, kept=tuple(keys))
 
-    def without_videos(self) -> "Carried":
+    def without_videos(self) -> "PassthroughFeatures":
         """Return the features that are not videos."""
         return self.only(key for key, entry in self.features.items() if entry.get("dtype") != VIDEO)
 
@@ -211,10 +211,10 @@ class Carried:
         return found
 
     @cached_property
-    def _sources(self) -> tuple[CarriedSource, ...]:
-        return (self.salvaged,) if self.salvaged else tuple(CarriedSource(root) for root in self.roots)
+    def _sources(self) -> tuple[PassthroughSource, ...]:
+        return (self.salvaged,) if self.salvaged else tuple(PassthroughSource(root) for root in self.roots)
 
-    def _find_source(self, row: int) -> tuple[CarriedSource, int]:
+    def _find_source(self, row: int) -> tuple[PassthroughSource, int]:
         """Return the source of a row, and the row number in it."""
         for source in self._sources:
             if row < source.frames:
@@ -223,9 +223,9 @@ class Carried:
         raise IndexError(row)
 
 
-def shared_features(carried: Sequence[Carried | None]) -> list[str]:
+def shared_features(passthrough: Sequence[PassthroughFeatures | None]) -> list[str]:
     """Return the features that all have and that mean the same in all."""
-    described = [part.features if part else {} for part in carried]
+    described = [part.features if part else {} for part in passthrough]
     first, *others = described
     return [
         key

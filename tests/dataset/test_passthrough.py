@@ -21,8 +21,8 @@ from support.lerobot_samples import annotate, enter_with_arm, motions, speech, w
 
 from nas_data.cli import main
 from nas_data.dataset import layout
-from nas_data.dataset.carried_source import join_tables
 from nas_data.dataset.language import move_times
+from nas_data.dataset.passthrough_source import join_tables
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 
@@ -231,7 +231,7 @@ def test_another_rate_leaves_videos_out_keeps_the_rest_and_says_so(here, recorde
         told = capsys.readouterr().out
         assert "left out: 'observation.images.front' (video of shape [64, 96, 3])" in told
         assert "because LeRobot finds pictures by the rate" in told
-        features = read(out).carried.features
+        features = read(out).passthrough.features
         assert "observation.images.front" not in features and {"observation.images.wrist", *LANGUAGE} <= set(features)
         row = stored(out, 20)
         assert row["language"] == "row 20"
@@ -245,7 +245,7 @@ def test_what_not_every_dataset_has_is_left_out_and_named(here, recorded, capsys
     run("import", recorded[0], bare, "--map", "map.toml", "--unit", "deg", "--out", "joined")
     told = capsys.readouterr().out
     assert "'language_events' (language of shape [1]), because not every dataset has them" in told
-    assert read(here / "joined").carried is None and verify(here / "joined") == []
+    assert read(here / "joined").passthrough is None and verify(here / "joined") == []
 
 
 MAP = """format = "lerobot"
@@ -361,7 +361,8 @@ def test_equal_rows_with_other_messages_are_another_version(here, recorded):
         run("unpack", f"{number}.tar", "--folder", "far")
     assert len(list((here / "far/d").iterdir())) == 2
     assert (
-        read(newest(here / "far/d")).carried.columns(0, np.array([3]), 50.0)["language"].to_pylist() == ["good bye"] * 3
+        read(newest(here / "far/d")).passthrough.columns(0, np.array([3]), 50.0)["language"].to_pylist()
+        == ["good bye"] * 3
     )
 
 

@@ -16,7 +16,7 @@ from nas_data.dataset.videos import VIDEO_PATH, Clip, VideoPlace
 from nas_data.errors import DatasetInvalid
 
 
-class CarriedSource:
+class PassthroughSource:
     """A source dataset of pass-through features."""
 
     def __init__(self, root: Path) -> None:
