@@ -231,10 +231,10 @@ def test_joints_of_one_effect_are_told_together(tmp_path):
     assert list_effects([*moved, replace(moved[0], name="payload", joint=None)]) == (
         "backlash in m3, m6 and m1; payload (whole arm)"
     )
-    many = [replace(effect, name="backlash", joint=f"m{number}") for number in range(4)]
+    many = [replace(effect, name="backlash", joint=f"m{number}") for number in range(5)]
     assert (
         list_effects([*many, replace(effect, name="payload", joint=None)])
-        == "backlash in 4 joints; payload (whole arm)"
+        == "backlash in 5 joints; payload (whole arm)"
     )
     assert list_effects([moved[0], replace(moved[0], name="deadband")]) == "backlash in m3 and deadband in m3"
 

@@ -19,7 +19,7 @@ FRIENDLY = {
     "kg·m²": (" g·cm²", 1e7),
 }
 LARGE = 1e4  # in display units; from here on, the SI unit is easier to read
-MOST_JOINTS = 3  # that a sentence lists by name
+MOST_JOINTS = 4  # that a sentence lists by name
 ROUNDING = 1e-12  # smaller numbers are rounding errors
 ANGLE = "rad"  # the unit of errors where a report does not say
 ENDS: tuple[Literal["heldout_error_before"], Literal["heldout_error_after"]] = (
