@@ -15,6 +15,7 @@ from support.xl320_samples import be_patient, connected, torques, virtual
 
 from nas_data import errors, registry
 from nas_data.cli import main
+from nas_data.hardware.arms.line import LENIENCE
 from nas_data.hardware.virtual_bus.faults.base import find_fault, parse
 from nas_data.hardware.virtual_bus.options import Options
 from nas_data.hardware.virtual_bus.process import VirtualBus
@@ -23,7 +24,6 @@ from nas_data.hardware.xl320.calibration import default_path, read_calibration, 
 from nas_data.hardware.xl320.configuration import Configuration
 from nas_data.hardware.xl320.control_table import REGISTERS
 from nas_data.hardware.xl320.ergojr import make_ergojr_joints
-from nas_data.hardware.xl320.port import LENIENCE
 from nas_data.hardware.xl320.units import CENTRE, SPEED_UNIT, TICK, decode_sign_magnitude, encode_sign_magnitude
 
 JOINTS = make_ergojr_joints()

@@ -170,10 +170,10 @@ def summarise_baseline(name: str, family: str, answers: Sequence[CaseFailure | G
 
 def print_tables(found: Mapping[str, Sequence[Row]]) -> str:
     """Return all tables that have rows, with their titles."""
-    return "\n\n".join(f"{TITLES[name]}\n{format_table(rows)}" for name, rows in found.items() if rows)
+    return "\n\n".join(f"{TITLES[name]}\n{align_rows(rows)}" for name, rows in found.items() if rows)
 
 
-def format_table(rows: Sequence[Row]) -> str:
+def align_rows(rows: Sequence[Row]) -> str:
     """Return rows of the same keys as columns; the words left, the numbers right."""
     first = rows[0]
     cells = [[SHORT.get(key, key) for key in first], *([format_cell(key, row[key]) for key in first] for row in rows)]

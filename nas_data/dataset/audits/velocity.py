@@ -81,7 +81,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     if late and not expected.derived:
         delay = float(np.median(list(late.values())))
         what = (
-            f"the velocity register of {', '.join(list(late))} is about {delay / expected.rate * 1e3:.2g} ms behind "
+            f"the velocity register of {', '.join(late)} is about {delay / expected.rate * 1e3:.2g} ms behind "
             "the position"
         )
         remedy = "velocity = 'derive' in the map takes it from the positions instead"

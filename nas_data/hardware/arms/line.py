@@ -24,7 +24,7 @@ QUIET = 0.04  # [s] of silence after which no late reply is expected
 LONGEST = 0.5  # [s] to wait for silence
 LISTENING = 5.0  # [ms] in which a second servo with the same ID would answer as well
 PSEUDO_TERMINALS = "/dev/pts/"
-LENIENCE = 150.0  # [ms] of extra timeout for virtual servos: their process must first be scheduled
+LENIENCE = 0.15  # [s] of extra timeout for virtual servos: their process must first be scheduled
 LOOK = 0.002  # [s] read timeout with virtual servos; blocking leaves the processor to their process
 SUCCESS = 0  # COMM_SUCCESS of both SDKs
 
@@ -287,7 +287,7 @@ def _extend_timeout(port: Any) -> None:
 
     def wait_longer(length: int) -> None:
         usual(length)
-        port.packet_timeout += LENIENCE
+        port.packet_timeout += LENIENCE * 1e3
 
     port.setPacketTimeout, port.ser.timeout = wait_longer, LOOK
 

@@ -5,12 +5,11 @@ import time
 import serial
 from dynamixel_sdk import PortHandler
 
-from nas_data.hardware.arms.line import PSEUDO_TERMINALS
+from nas_data.hardware.arms.line import LENIENCE, PSEUDO_TERMINALS
 from nas_data.hardware.arms.port_errors import make_port_error
 
 BAUD = 1_000_000  # [bit/s] factory setting of an XL-320
 PATIENCE = 0.02  # [s] timeout of a reply in addition to its transmission time; USB latency timers take up to 16 ms
-LENIENCE = 0.1  # [s] the same for virtual servos, whose process must first be scheduled
 WAIT = 0.002  # [s] read timeout
 WRITING = 0.2  # [s] write timeout
 

@@ -37,6 +37,11 @@ class Drive(Hideable, Servos):
         return bool(self.motor.any())
 
     @cached_property
+    def is_dry_friction_constant(self) -> bool:
+        """Whether dry friction depends on nothing; asked in every step."""
+        return not (self.stribeck.any() or self.load_ratio.any())
+
+    @cached_property
     def rigid_armature(self) -> np.ndarray:
         """Rotor inertia that the link feels at once [kg m²]."""
         return np.where(self.loose, 0.0, self.armature)
@@ -57,7 +62,7 @@ class Drive(Hideable, Servos):
 
     def budget(self, torque: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """Return the largest torque of dry friction [N m]; models M1, M2 and M3 of Rhoban/bam."""
-        if not (self.stribeck.any() or self.load_ratio.any()):
+        if self.is_dry_friction_constant:
             return self.friction
         falling = self.kinetic_ratio + (1 - self.kinetic_ratio) * np.exp(-((speed / self.stribeck_velocity) ** 2))
         return np.asarray(self.friction + self.stribeck * falling + self.load_ratio * np.abs(torque))
