@@ -135,7 +135,9 @@ def propose_experiment(problem: Problem, naming: Naming, folder: Path, say: Repo
         Rival(rival.effects, rival.fit.factors),
     )
     try:
-        experiment = choose_next_experiment(problem.train.nominal, pair, problem.train.floor, seed=0)
+        experiment = choose_next_experiment(
+            problem.train.nominal, problem.train.evidence, pair, problem.train.floor, seed=0
+        )
     except NasError as error:
         return Proposal(f"none could be computed: {error}")
     write_experiment(experiment, folder / EXPERIMENT)

@@ -17,7 +17,7 @@ from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.experiments.command_limits import SPEED, CommandRange, mask_joints
 from nas_data.gap.experiments.discrimination import compute_separations, find_differing_joints, make_batch
 from nas_data.gap.experiments.experiment import Rival, choose_next_experiment, describe_experiment, write_experiment
-from nas_data.gap.experiments.library import KINDS, has_new_contacts
+from nas_data.gap.experiments.library import KINDS, is_harmless
 from nas_data.gap.nominal import Nominal
 
 JOINTS = ("shoulder", "elbow")
@@ -41,10 +41,11 @@ def nominal_of(model, joints, period=0.01):
     return Nominal.load(model, nothing(joints, period))
 
 
-def nothing(joints, period):
+def nothing(joints, period, speed=0.0):
     rows = np.zeros((1, 10, len(joints)))
+    measured = rows + speed * period * np.arange(10)[:, None]
     counts = np.ones((1, 10), bool)
-    return EpisodeBatch(joints, period, np.zeros((1, len(joints))), rows, rows, counts, np.arange(1))
+    return EpisodeBatch(joints, period, np.zeros((1, len(joints))), rows, measured, counts, np.arange(1))
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +57,7 @@ def arm(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def experiment(arm):
-    return choose_next_experiment(arm, (PLAY, FRICTION), FLOOR, seed=3)
+    return choose_next_experiment(arm, nothing(JOINTS, 0.01), (PLAY, FRICTION), FLOOR, seed=3)
 
 
 def test_of_many_different_effects_only_some_are_listed(experiment):
@@ -76,7 +77,7 @@ def test_the_file_is_played_by_the_recorder(experiment, tmp_path):
 
 
 def test_every_experiment_starts_at_rest_slowly_and_stays_within_limits(arm, experiment, tmp_path):
-    room = CommandRange.of(arm)
+    room = CommandRange.of(arm, nothing(JOINTS, 0.01))
     for row in experiment.table:
         commands = row.trial.commands
         check_limits(tmp_path, experiment.names, [commands], room.low, room.high)
@@ -88,7 +89,7 @@ def test_every_experiment_starts_at_rest_slowly_and_stays_within_limits(arm, exp
 
 def test_the_chosen_experiment_separates_the_rivals_at_least_as_well_as_every_other(arm, experiment):
     commands = [row.trial.commands for row in experiment.table]
-    evidence = make_batch(arm, commands, CommandRange.of(arm).pose)
+    evidence = make_batch(arm, commands, CommandRange.of(arm, nothing(JOINTS, 0.01)).pose)
     again = compute_separations(arm, (PLAY, FRICTION), evidence, FLOOR, ("elbow",)).max(axis=1)
     np.testing.assert_allclose(again, [row.separation for row in experiment.table], rtol=1e-6)
     assert again.argmax() == 0
@@ -105,14 +106,14 @@ def test_the_sentence_names_the_experiment_and_both_rivals(experiment):
 
 
 def test_a_rival_that_follows_differs_less_than_one_that_does_not(arm, experiment):
-    chosen = make_batch(arm, [experiment.commands], CommandRange.of(arm).pose)
+    chosen = make_batch(arm, [experiment.commands], CommandRange.of(arm, nothing(JOINTS, 0.01)).pose)
     one, two = (arm.predict(chosen, rival.effects, rival.factors) for rival in (PLAY, FRICTION))
     fixed = float(np.sqrt(((one - two)[..., 1] ** 2).mean()) / FLOOR[1])
     assert experiment.table[0].separation < fixed
 
 
 def test_rivals_that_are_the_same_are_said_to_be_inseparable(arm, experiment):
-    chosen = make_batch(arm, [experiment.commands], CommandRange.of(arm).pose)
+    chosen = make_batch(arm, [experiment.commands], CommandRange.of(arm, nothing(JOINTS, 0.01)).pose)
     apart = compute_separations(arm, (PLAY, PLAY), chosen, FLOOR, ("elbow",))
     assert apart.max() < 0.5
     worst = experiment.table[0].__class__(experiment.table[0].trial, float(apart.max()), "elbow", 12.0)
@@ -134,12 +135,11 @@ def test_an_effect_of_the_whole_arm_concerns_every_joint():
 
 def test_an_experiment_that_hits_the_floor_is_seen_to():
     ergojr = nominal_of("ergojr", ("m1", "m2", "m3", "m4", "m5", "m6"))
-    room = CommandRange.of(ergojr)
+    room = CommandRange.of(ergojr, nothing(ergojr.joints, 0.01))
     down = room.ramp(room.pose, np.array([0.0, -1.5, -1.5, 0.0, -1.5, 0.0]), 1.0)
     up = room.ramp(room.pose, np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]), 1.0)
-    simulator = ergojr.simulator()
-    assert has_new_contacts(simulator, room, down) or has_new_contacts(simulator, room, -down)
-    assert not has_new_contacts(simulator, room, up)
+    harmless = [is_harmless(ergojr, Rival((), {}), room, commands) for commands in (up, down, -down)]
+    assert harmless[0] and not all(harmless)
 
 
 @settings(max_examples=25, deadline=None)
@@ -154,18 +154,38 @@ def test_a_reduced_room_lies_within_the_room_and_keeps_its_home(seed, low, high,
         np.testing.assert_array_equal(commands[0], room.home)
 
 
-def test_an_arm_that_takes_torques_gets_torques(tmp_path):
-    (tmp_path / "hinge.xml").write_text(HINGE.format(limits='ctrlrange="-1 1" ctrllimited="true"'))
-    nominal = nominal_of(tmp_path / "hinge.xml", ("hip",), 0.02)
+def choose_torques(folder, limit, speed):
+    (folder / "hinge.xml").write_text(HINGE.format(limits=f'ctrlrange="-{limit} {limit}" ctrllimited="true"'))
+    nominal = nominal_of(folder / "hinge.xml", ("hip",), 0.02)
     rivals = (Rival((CoulombFriction(joint="hip", torque=0.1),), {}), Rival((), {}))
-    found = choose_next_experiment(nominal, rivals, np.full(1, 1e-3), seed=0)
+    recorded = nothing(("hip",), 0.02, speed)
+    return nominal, rivals, choose_next_experiment(nominal, recorded, rivals, np.full(1, 1e-3), seed=0)
+
+
+def test_an_arm_that_takes_torques_gets_torques(tmp_path):
+    _, _, found = choose_torques(tmp_path, limit=1, speed=20.0)
     assert found.names == ("hip.effort",)
     assert "separates coulomb friction from no further effect" in found.text
     write_experiment(found, tmp_path / "next.csv")
     np.testing.assert_array_equal(read_commands(tmp_path / "next.csv", found.names)[0], found.commands)
 
 
+def test_torques_move_no_joint_more_than_twice_as_fast_as_recorded(tmp_path):
+    """The limit of the motor would turn the hinge many times as fast."""
+    nominal, rivals, found = choose_torques(tmp_path, limit=4, speed=2.0)
+    for row in found.table:
+        batch = make_batch(nominal, [row.trial.commands], np.zeros(1))
+        path = nominal.predict(batch, rivals[0].effects, rivals[0].factors)[0]
+        assert np.abs(np.diff(path, axis=0)).max() <= 2 * 2.0 * 0.02 + 1e-9
+        assert np.abs(row.trial.commands).max() > 0.1
+
+
+def test_no_experiment_is_proposed_if_each_would_harm_the_arm(tmp_path):
+    with pytest.raises(OptionError, match="more than twice as fast as recorded"):
+        choose_torques(tmp_path, limit=4, speed=0.0)
+
+
 def test_torques_without_limits_are_refused(tmp_path):
     (tmp_path / "hinge.xml").write_text(HINGE.format(limits=""))
     with pytest.raises(OptionError, match="no limits"):
-        CommandRange.of(nominal_of(tmp_path / "hinge.xml", ("hip",), 0.02))
+        CommandRange.of(nominal_of(tmp_path / "hinge.xml", ("hip",), 0.02), nothing(("hip",), 0.02))

@@ -6,11 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from nas_data.dataset.features import EFFORT
 from nas_data.excitations.base import Excitation
+from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal
 from nas_data.simulators.limits import command_limits, command_radians, find_excitable_limits
 
 SPEED = 0.5  # [rad/s or N·m/s] of a slow approach
+FASTER = 2.0  # times the recorded speed: largest speed of joints that are given torques
 SHORTEST = 1.0  # [s] smallest duration of a slow approach, in which the arm settles in its rest pose
 
 
@@ -25,6 +28,7 @@ class CommandRange:
         low: Lowest commands, shape (n,).
         high: Highest commands, shape (n,).
         radians: Equivalent of a radian in each joint's commands, shape (n,); see `joint_units.radians_at`.
+        fastest: Largest speed of each joint [rad/s; m/s], shape (n,).
     """
 
     period: float
@@ -33,10 +37,13 @@ class CommandRange:
     low: np.ndarray
     high: np.ndarray
     radians: np.ndarray | float = 1.0
+    fastest: np.ndarray | float = np.inf
 
     @classmethod
-    def of(cls, nominal: Nominal) -> "CommandRange":
-        """Read rest pose and limits from a model.
+    def of(cls, nominal: Nominal, evidence: EpisodeBatch) -> "CommandRange":
+        """Read rest pose and limits from a model, and speeds from a recording.
+
+        Nothing in a model limits the speed of a joint that is given torques. It may move twice as fast as recorded.
 
         Raises:
             OptionError: the model takes torques without limits.
@@ -46,7 +53,10 @@ class CommandRange:
         low, high = find_excitable_limits(low, high, joints, simulator.kinds, simulator.slides)
         pose = find_rest_pose(nominal)
         home = np.where(simulator.layout.inputs.positional, pose, 0.0)
-        return cls(nominal.period, pose, np.clip(home, low, high), low, high, command_radians(simulator, low, high))
+        recorded = np.abs(np.diff(evidence.measured, axis=1) * evidence.mask[:, 1:, None]).max((0, 1)) / nominal.period
+        fastest = np.where([kind == EFFORT for kind in simulator.kinds], FASTER * recorded, np.inf)
+        radians = command_radians(simulator, low, high)
+        return cls(nominal.period, pose, np.clip(home, low, high), low, high, radians, fastest)
 
     @property
     def middle(self) -> np.ndarray:

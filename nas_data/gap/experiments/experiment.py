@@ -9,6 +9,8 @@ import numpy as np
 
 from nas_data.command_file import write_commands
 from nas_data.effects.base import Effect
+from nas_data.errors import OptionError
+from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.experiments.command_limits import CommandRange
 from nas_data.gap.experiments.discrimination import Rival, compute_separations, find_differing_joints, make_batch
 from nas_data.gap.experiments.library import ExperimentDesign, generate_experiments
@@ -65,25 +67,28 @@ class NextExperiment:
 
 
 def choose_next_experiment(
-    nominal: Nominal, rivals: tuple[Rival, Rival], floor: np.ndarray, seed: int
+    nominal: Nominal, evidence: EpisodeBatch, rivals: tuple[Rival, Rival], floor: np.ndarray, seed: int
 ) -> NextExperiment:
     """Choose the experiment to record next.
 
     Args:
         nominal: Given model.
+        evidence: Recorded episodes.
         rivals: Two explanations that the data cannot distinguish.
         floor: Noise floor of each joint [rad; m], shape (n,).
         seed: Seed of random excitations.
 
     Raises:
-        ModelFileError: a rival diverges.
-        OptionError: the model takes torques without limits.
+        SimulationDiverged: the second rival diverges.
+        OptionError: the model takes torques without limits, or every experiment would harm the arm.
     """
-    room = CommandRange.of(nominal)
+    room = CommandRange.of(nominal, evidence)
     concerned = find_differing_joints(rivals, nominal.joints)
-    trials = list(generate_experiments(nominal, room, concerned, seed))
-    evidence = make_batch(nominal, [trial.commands for trial in trials], room.pose)
-    apart = compute_separations(nominal, rivals, evidence, floor, concerned)
+    trials = list(generate_experiments(nominal, rivals[0], room, concerned, seed))
+    if not trials:
+        raise OptionError("in each the arm would touch something or move more than twice as fast as recorded")
+    batch = make_batch(nominal, [trial.commands for trial in trials], room.pose)
+    apart = compute_separations(nominal, rivals, batch, floor, concerned)
     rows = [
         RatedExperiment(
             trial, float(row.max()), nominal.joints[int(row.argmax())], len(trial.commands) * nominal.period

@@ -1,4 +1,4 @@
-"""Candidate experiments, each for one property of a drive, reduced until there are no contacts."""
+"""Candidate experiments, each for one property of a drive, reduced until they do the arm no harm."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -6,14 +6,16 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from nas_data.errors import SimulationDiverged
 from nas_data.excitations.chirp import Chirp
 from nas_data.excitations.steps import Steps
 from nas_data.excitations.triangle import Triangle
 from nas_data.gap.experiments.command_limits import CommandRange, mask_joints
+from nas_data.gap.experiments.discrimination import Rival, make_batch
 from nas_data.gap.nominal import Nominal
 from nas_data.simulators.mujoco import MujocoSimulator
 
-SHARES = (1.0, 0.6, 0.35, 0.2)  # shares of the command range, tried in this order
+SHARES = (1.0, 0.6, 0.35, 0.2, 0.1, 0.05)  # shares of the command range, tried in this order
 LOOK = 0.05  # [s] between contact checks
 
 SECONDS = 12.0  # [s] duration without the approach
@@ -80,63 +82,60 @@ KINDS: Mapping[str, Draw] = {
 
 
 def generate_experiments(
-    nominal: Nominal, room: CommandRange, concerned: Sequence[str], seed: int
+    nominal: Nominal, rival: Rival, room: CommandRange, concerned: Sequence[str], seed: int
 ) -> Iterator[ExperimentDesign]:
     """Yield experiments for each concerned joint, and steps of all joints together.
 
+    Experiments that harm the arm even in the smallest range are left out; see `is_harmless`.
+
     Args:
         nominal: Given model.
+        rival: Explanation by which the arm's motion is predicted.
         room: Range of commands.
         concerned: Joints in which the rivals differ; if there are many, each experiment moves all joints.
         seed: Seed of random excitations.
     """
-    simulator, whole = nominal.simulator(), nominal.joints
+    whole = nominal.joints
     everywhere = len(concerned) > MOST_CONCERNED or set(concerned) == set(whole)
-    kinds: list[tuple[str, tuple[str, ...]]] = [(name, whole) for name in (KINDS if everywhere else [STEPS])]
-    if not everywhere or len(whole) == 1:
-        kinds = [*((name, (joint,)) for joint in concerned for name in KINDS), *kinds]
+    if everywhere:
+        kinds = [(name, whole) for name in KINDS]
+    else:
+        kinds = [*((name, (joint,)) for joint in concerned for name in KINDS), (STEPS, whole)]
     for number, (name, moved) in enumerate(kinds):
-
-        def draw(
-            part: CommandRange, name: str = name, moved: tuple[str, ...] = moved, number: int = number
-        ) -> np.ndarray:
-            rng = np.random.default_rng([seed, number])
-            return part.prepend_approach(KINDS[name](part, mask_joints(whole, moved), rng))
-
-        yield ExperimentDesign(name, moved, draw_without_contact(simulator, room, draw))
+        for share in SHARES:
+            part, rng = room.shrink(share), np.random.default_rng([seed, number])
+            commands = part.prepend_approach(KINDS[name](part, mask_joints(whole, moved), rng))
+            if is_harmless(nominal, rival, room, commands):
+                yield ExperimentDesign(name, moved, commands)
+                break
 
 
-def draw_without_contact(
-    simulator: MujocoSimulator, room: CommandRange, draw: Callable[[CommandRange], np.ndarray]
-) -> np.ndarray:
-    """Draw an experiment in a range that is reduced until nothing touches, down to the smallest share.
+def is_harmless(nominal: Nominal, rival: Rival, room: CommandRange, commands: np.ndarray) -> bool:
+    """Whether nothing touches in an experiment that does not touch in the rest pose, and no joint moves too fast.
 
     Args:
-        simulator: Given model.
-        room: Range of commands.
-        draw: Draws commands within a range, shape (T, n), with the same random numbers each time.
+        nominal: Given model.
+        rival: Explanation by which the arm's motion is predicted.
+        room: Range of commands, with the largest speeds.
+        commands: Commands of the experiment, shape (T, n).
     """
-    for share in SHARES:
-        commands = draw(room.shrink(share))
-        if not has_new_contacts(simulator, room, commands):
-            break
-    return commands
+    try:
+        path = nominal.predict(make_batch(nominal, [commands], room.pose), rival.effects, rival.factors)[0]
+    except SimulationDiverged:
+        return False
+    if (np.abs(np.diff(path, axis=0)).max(0) > room.fastest * room.period).any():
+        return False
+    counts = count_contacts(nominal.simulator(), np.array([room.pose, *path[:: room.steps(LOOK)]]))
+    return bool(counts.max() <= counts[0])
 
 
-def has_new_contacts(simulator: MujocoSimulator, room: CommandRange, commands: np.ndarray) -> bool:
-    """Whether an experiment causes more contacts than the rest pose has."""
-    n = len(room.pose)
-    initial = np.concatenate([room.pose, np.zeros(n)])[None]
-    path = simulator.rollout(initial, commands[None])[0, :: room.steps(LOOK), :n]
-    counts = [count_contacts(simulator, positions) for positions in (room.pose, *path)]
-    return max(counts) > counts[0]
-
-
-def count_contacts(simulator: MujocoSimulator, positions: np.ndarray) -> int:
-    """Return the number of contacts in a pose [rad; m], shape (n,)."""
-    data = mujoco.MjData(simulator.model)
-    data.qpos[simulator.layout.qpos] = positions
-    mujoco.mj_kinematics(simulator.model, data)
-    mujoco.mj_comPos(simulator.model, data)
-    mujoco.mj_collision(simulator.model, data)
-    return int(data.ncon)
+def count_contacts(simulator: MujocoSimulator, positions: np.ndarray) -> np.ndarray:
+    """Return the number of contacts in each pose [rad; m] of `positions` (T, n), shape (T,)."""
+    data, counts = mujoco.MjData(simulator.model), []
+    for pose in positions:
+        data.qpos[simulator.layout.qpos] = pose
+        mujoco.mj_kinematics(simulator.model, data)
+        mujoco.mj_comPos(simulator.model, data)
+        mujoco.mj_collision(simulator.model, data)
+        counts.append(data.ncon)
+    return np.array(counts)
