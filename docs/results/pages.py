@@ -16,7 +16,7 @@ from pathlib import Path
 import jinja2
 
 HERE = Path(__file__).parent
-TOPICS = ("experiments", "ergo_reacher", "so101", "xl330", "blind")
+TOPICS = ("experiments", "ergo_reacher", "so101", "xl330", "robots", "blind")
 Row = dict[str, str]
 
 

@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "docs/results"
 MOST_FILES = 60
-TOPICS = ("experiments", "ergo_reacher", "so101", "xl330", "blind")
+TOPICS = ("experiments", "ergo_reacher", "so101", "xl330", "robots", "blind")
 DECIMAL = re.compile(r"(?<![\w.-])\d+\.\d+")
 NOT_QUOTED = re.compile(r"\{\{.*?\}\}|```.*?```|`[^`]*`|\]\([^)]*\)", re.DOTALL)
 
