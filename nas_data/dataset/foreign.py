@@ -83,11 +83,8 @@ def import_command(root: Path, dataset: Dataset) -> str:
     name = map_for(dataset.robot_type)
     if name:
         return f"import it: nas import {where} --map {name}"
-    model = " --model MODEL.xml" if any("gripper" in joint for joint in dataset.features[STATE].names) else ""
-    return (
-        f"import it: nas import {where} --unit deg{model} "
-        "(of −100 … 100: --unit range --calibration FILE in place of --unit deg)"
-    )
+    gripper = any("gripper" in joint for joint in dataset.features[STATE].names)
+    return f"import it: nas import {where} --unit deg" + (" --model MODEL.xml" if gripper else "")
 
 
 def map_for(robot_type: str) -> str | None:
