@@ -1,10 +1,9 @@
 """Base class of tasks: a task maps states to observations and rewards, and actions to commands."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-import mujoco
 import numpy as np
 from gymnasium import spaces
 
@@ -16,10 +15,9 @@ from nas_data.simulators.base import Simulator, Stepper
 
 if TYPE_CHECKING:
     from nas_data.gap.named import Named
-    from nas_data.robots.base import Robot
+    from nas_data.robots.base import Edit, Robot
 
 SOURCE = "source"
-Edit = Callable[[mujoco.MjSpec], None]
 
 
 @dataclass(frozen=True)
@@ -76,7 +74,7 @@ class Task:
     observation_space: spaces.Box
     action_space: spaces.Box
     dynamics: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    edits: Mapping[str, Edit] = field(default_factory=dict)
+    edits: Mapping[str, "Edit"] = field(default_factory=dict)
 
     def start(self, rng: np.random.Generator) -> Start:
         """Draw the start of an episode."""
@@ -143,31 +141,12 @@ class Task:
             UnknownName: the task has no such dynamics; lists those it has.
         """
         effects = self.effects(dynamics)
-        from nas_data.robots.base import find_robot
+        from nas_data.robots.base import ConsecutiveEdits, find_robot
 
         robot = find_robot(self.robot)
         if dynamics in self.edits:
             robot = replace(robot, edit=ConsecutiveEdits(robot.edit, self.edits[dynamics]))
         return robot, effects
-
-
-@dataclass(frozen=True)
-class ConsecutiveEdits:
-    """A model edit that applies two edits in order.
-
-    Attributes:
-        first: First edit; may be None.
-        second: Second edit.
-    """
-
-    first: Edit | None
-    second: Edit
-
-    def __call__(self, spec: mujoco.MjSpec) -> None:
-        """Edit a model."""
-        if self.first is not None:
-            self.first(spec)
-        self.second(spec)
 
 
 def find_task_file(name: str) -> str:

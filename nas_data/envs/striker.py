@@ -6,9 +6,10 @@ from functools import partial
 import numpy as np
 from gymnasium import spaces
 
-from nas_data.envs.base import ConsecutiveEdits, Start, StepResult, Task
+from nas_data.envs.base import Start, StepResult, Task
 from nas_data.envs.edits.bigger_gap import widen_gap
 from nas_data.envs.edits.pulled_joint import pull_joint
+from nas_data.robots.base import ConsecutiveEdits
 from nas_data.robots.striker import JOINTS, RATE
 from nas_data.simulators.base import Stepper
 

@@ -1,15 +1,17 @@
 """Conversion of a bag's messages to tables, one per topic; names of nested fields are joined with dots."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 
 from nas_data.errors import LogError
 from nas_data.importing.table import LogTable
 
 RECEIVED = "log_time"  # time at which the recorder received a message [ns]
 NANOSECONDS = 10**9
+STAMPS = ({"sec", "nanosec"}, {"sec", "nsec"}, {"secs", "nsecs"})  # fields of a time in ROS 2, Foxglove, ROS 1
 
 
 def to_tables(path: Path, topics: dict[str, str], messages: Iterable[tuple[str, int, object]]) -> dict[str, LogTable]:
@@ -35,8 +37,9 @@ def flatten_fields(message: object, name: str = "") -> Iterator[tuple[str, objec
     if values is None:
         yield name, message
         return
-    if set(values) == {"sec", "nanosec"}:
-        yield name, int(values["sec"]) * NANOSECONDS + int(values["nanosec"])
+    if set(values) in STAMPS:
+        seconds, nanoseconds = (int(values[key]) for key in sorted(values, key=len))
+        yield name, seconds * NANOSECONDS + nanoseconds
         return
     for key, value in values.items():
         inner = f"{name}.{key}" if name else key
@@ -56,23 +59,22 @@ def _read_attributes(value: object) -> dict | None:
 
 
 def _make_table(path: Path, topic: str, rows: list[dict[str, object]]) -> LogTable:
-    """Convert the messages of a topic to columns; fields that some messages lack are left out."""
+    """Convert the messages of a topic to columns; a field that a message lacks is an empty cell."""
     if not rows:
         raise LogError(f"{path} has no messages of '{topic}'; give the bag that has, or correct [topics] of the map.")
-    shared = [key for key in rows[0] if all(key in row for row in rows)]
-    return LogTable(Path(f"{path}:{topic}"), {key: _make_column([row[key] for row in rows]) for key in shared})
+    return LogTable(Path(f"{path}:{topic}"), make_columns(rows))
 
 
-def _make_column(values: list[object]) -> np.ndarray:
-    """Return a column as an array; lists of different lengths, and texts, as objects."""
-    listed = [value.tolist() if isinstance(value, np.ndarray) else value for value in values]
-    lists = [list(value) for value in listed if isinstance(value, list | tuple)]
-    if len(lists) < len(listed):
-        return np.array(listed, object) if isinstance(listed[0], str) else np.array(listed)
-    widths = {len(row) for row in lists}
-    if len(widths) == 1 and 0 not in widths and not isinstance(lists[0][0], str):
-        return np.array(lists)
-    column = np.empty(len(lists), object)
-    for number, row in enumerate(lists):
-        column[number] = row
-    return column
+def make_columns(rows: Sequence[Mapping[str, object]]) -> dict[str, pa.Array]:
+    """Return rows of fields as columns; missing fields become empty cells."""
+    names = dict.fromkeys(name for row in rows for name in row)
+    return {name: make_column([row.get(name) for row in rows]) for name in names}
+
+
+def make_column(values: list[object]) -> pa.Array:
+    """Return values as a column; those of mixed types become text, which is an error only if the column is read."""
+    plain = [value.tolist() if isinstance(value, np.ndarray) else value for value in values]
+    try:
+        return pa.array(plain)
+    except (pa.ArrowInvalid, pa.ArrowTypeError):
+        return pa.array([None if value is None else str(value) for value in plain])

@@ -12,6 +12,7 @@ from nas_data.importing.map import Map
 from nas_data.importing.table import Column, LogTable
 
 SHOWN = 8  # most names listed in a message
+ROS_NAMES = ("name", "joint_names")  # fields of JointState; of JointTrajectory and the states of controllers
 
 
 def arrange(table: LogTable, mapping: Map, required: bool) -> LogTable:
@@ -28,14 +29,37 @@ def arrange(table: LogTable, mapping: Map, required: bool) -> LogTable:
         MapError: the table's names differ from the map's, or have another order.
         LogError: a row names only some of the joints.
     """
-    if not mapping.joint_names or (not required and mapping.joint_names not in table.columns):
+    found = find_names_column(table, mapping)
+    if not mapping.joint_names:
+        if found is not None:
+            _refuse_other_order(table, mapping, found)
         return table
-    held = table.constants.get(mapping.joint_names)
-    rows = _read_names(table.column(mapping.joint_names) if held is None else held)
+    name = found or mapping.joint_names
+    if not required and name not in table.columns:
+        return table
+    held = table.constants.get(name)
+    rows = _read_names(table.column(name) if held is None else held)
     if isinstance(rows, tuple):
         _compare(table, mapping, rows)
         return table
     return _rearrange_vectors(table, mapping, rows)
+
+
+def find_names_column(table: LogTable, mapping: Map) -> str | None:
+    """Return the column of a table's joint names: the map's, or that of its type of message; None if it has none."""
+    known = (mapping.joint_names, *ROS_NAMES) if mapping.layout.topics else (mapping.joint_names,)
+    return next((name for name in known if name in table.columns), None)
+
+
+def _refuse_other_order(table: LogTable, mapping: Map, column: str) -> None:
+    """Refuse messages that name the map's joints in another order, if the map neither reads names nor picks."""
+    rows, picked = _read_names(table.column(column)), mapping.position.source.components
+    other = next((row for row in rows if set(row) == set(mapping.joints) and row != mapping.joints), None)
+    if other is not None and not picked:
+        raise MapError(
+            f"{table.path} has the joints {', '.join(other)}, but the map {', '.join(mapping.joints)}; "
+            f"say joint_names = '{column}' at the top of the map, so that they are put in its order."
+        )
 
 
 def _read_names(column: object) -> tuple[str, ...] | list[tuple[str, ...]]:
@@ -78,7 +102,10 @@ def _rearrange_vectors(table: LogTable, mapping: Map, rows: list[tuple[str, ...]
     if partial is not None:
         missing = next(joint for joint in mapping.joints if joint not in rows[partial])
         there = ", ".join(rows[partial][:SHOWN])
-        raise LogError(f"{table.path}: {table.name_rows([partial])} lacks the joint '{missing}'; it has {there}.")
+        raise LogError(
+            f"{table.path}: {table.name_rows([partial])} lacks the joint '{missing}'; it has {there}. A row names all "
+            "joints of the map or none: take it out of 'joints', or write its rows together with the others'."
+        )
     places = np.array([kinds[names] for names, keep in zip(rows, kept, strict=True) if keep])
     widths = [len(names) for names, keep in zip(rows, kept, strict=True) if keep]
     columns: dict[str, Column] = {}

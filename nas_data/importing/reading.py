@@ -15,7 +15,8 @@ from nas_data.errors import LogError, MapError
 from nas_data.importing.conversion import TIME_UNITS, decode
 from nas_data.importing.formats import find_folder_kind, read_table, read_tables
 from nas_data.importing.map import LogColumns, LogQuantity, Map
-from nas_data.importing.naming import arrange
+from nas_data.importing.messages import RECEIVED
+from nas_data.importing.naming import arrange, find_names_column
 from nas_data.importing.table import LogTable
 
 ENOUGH = 3  # least number of rows, for two transitions
@@ -126,7 +127,7 @@ def _read_tables(log: Path, mapping: Map) -> dict[str, LogTable]:
         if log.is_dir() and not find_folder_kind(mapping.layout.format):
             raise LogError(f"{log} is a folder, but the map reads single {mapping.layout.format} files.")
         tables = read_tables(log, mapping.layout)
-        named = {key for key, table in tables.items() if mapping.joint_names in table.columns}
+        named = {key for key, table in tables.items() if find_names_column(table, mapping)}
         return {key: arrange(table, mapping, required=not named) for key, table in tables.items()}
     if not log.is_dir():
         raise LogError(f"{log} is no folder, but the map reads {', '.join(files.values())} out of one.")
@@ -145,9 +146,31 @@ def _read_times(tables: dict[str, LogTable], mapping: Map) -> dict[str, np.ndarr
         return {key: np.arange(count) / mapping.rate for key, count in counts.items()}
     clock = mapping.clock
     ticks = {key: table.ticks(clock.columns.get(key, clock.column), clock.unit) for key, table in tables.items()}
+    _refuse_other_clocks(tables, ticks, mapping)
     finite = ticks[reference][np.isfinite(ticks[reference])]
     origin = finite[0] if len(finite) else 0
     return {key: (values - origin) * TIME_UNITS[mapping.clock.unit] for key, values in ticks.items()}
+
+
+def _refuse_other_clocks(tables: dict[str, LogTable], ticks: dict[str, np.ndarray], mapping: Map) -> None:
+    """Refuse topics whose times are of clocks that differ by more than the tolerance of the join.
+
+    Raises:
+        LogError: names the topic and the difference; the time of receipt has one clock.
+    """
+    if mapping.clock.unit != "ns" or not all(RECEIVED in table.columns for table in tables.values()):
+        return
+    reference = mapping.position.source.table
+    ahead = {key: float(np.median(ticks[key] - table.ticks(RECEIVED, "ns"))) for key, table in tables.items()}
+    for key, table in tables.items():
+        seconds = (ahead[key] - ahead[reference]) * TIME_UNITS["ns"]
+        if abs(seconds) > mapping.layout.tolerance:
+            raise LogError(
+                f"{table.path}: the times that [read.time] names are {abs(seconds):.3g} s "
+                f"{'ahead of' if seconds > 0 else 'behind'} those of {mapping.layout.topics[reference]}, "
+                f"compared with the times of receipt; say column = '{RECEIVED}' for all "
+                "topics, which is of one clock."
+            )
 
 
 def _join(time: np.ndarray, given: np.ndarray, table: LogTable, mapping: Map) -> np.ndarray:
@@ -228,6 +251,8 @@ def _read_source(table: LogTable, source: LogColumns, width: int, count: int) ->
                 f"but the map picks number {max(source.components)} (they count from 0)."
             )
         return raw[:, list(source.components)]
+    if raw.shape == (width, count) != (count, width):
+        return raw.T  # a row a joint, as MATLAB and some simulators have it
     if raw.shape[1] != width:
         raise LogError(
             f"{table.path}: '{source.columns[0]}' has {count_of(raw.shape[1], 'number')} a row, but the map has "

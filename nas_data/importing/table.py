@@ -74,11 +74,14 @@ class LogTable:
         if isinstance(column, np.ndarray):
             return self._from_numpy(name, column)
         kind = column.type
+        if pa.types.is_dictionary(kind):
+            column, kind = column.dictionary_decode(), kind.value_type
         if pa.types.is_string(kind) or pa.types.is_large_string(kind):
             return self._from_text(name, column)
         if pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind):
             return self._from_lists(name, column)
-        if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind)):
+        plain = (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, pa.types.is_decimal)
+        if not any(is_plain(kind) for is_plain in plain):
             if pa.types.is_null(kind):
                 return np.full((len(column), 1), np.nan)
             raise LogError(f"{self.path}: the column '{name}' holds {kind}, not numbers; name another column.")
@@ -100,6 +103,7 @@ class LogTable:
         if whole is not None:
             return whole
         numbers = self.numbers(name)
+        numbers = numbers.T if len(numbers) == 1 else numbers
         if numbers.shape[1] != 1:
             raise LogError(f"{self.path}: the time column '{name}' holds vectors of {numbers.shape[1]}; one is due.")
         return numbers[:, 0]
@@ -125,10 +129,10 @@ class LogTable:
 
     def _convert_numpy_ticks(self, name: str, column: np.ndarray, unit: str) -> np.ndarray | None:
         """Return an array of integers or dates as integers, shape (N,); None for others."""
-        is_date = np.issubdtype(column.dtype, np.datetime64)
-        self._check_date(name, is_date, unit)
+        is_date = column.dtype.kind in "mM"
+        self._check_date(name, column, is_date, unit)
         if is_date:
-            return column.astype("datetime64[ns]").astype(np.int64)
+            return column.astype(f"{column.dtype.kind}8[ns]").astype(np.int64)
         return column.astype(np.int64) if column.ndim == 1 and column.dtype.kind in "iu" else None
 
     def _convert_arrow_ticks(self, name: str, column: pa.Array, unit: str) -> np.ndarray | None:
@@ -136,16 +140,18 @@ class LogTable:
         if pa.types.is_string(column.type):
             kinds = [pa.timestamp("ns"), pa.timestamp("ns", "UTC")] if unit == "datetime" else [pa.int64()]
             column = pc.utf8_trim_whitespace(column)
-            column = pc.replace_substring(column, self.decimal, ".") if unit == "datetime" else column
+            column = pc.replace_substring(column, ",", ".") if unit == "datetime" else column  # both are ISO 8601
             for kind in kinds:
                 try:
                     return None if column.null_count else _convert_to_numpy(column.cast(kind).cast(pa.int64()))
                 except pa.ArrowInvalid:
                     continue
-        is_date = pa.types.is_timestamp(column.type)
-        self._check_date(name, is_date, unit)
+        is_duration = pa.types.is_duration(column.type)
+        is_date = is_duration or pa.types.is_timestamp(column.type)
+        self._check_date(name, column, is_date, unit)
         if is_date:
-            column = column.cast(pa.timestamp("ns", column.type.tz)).cast(pa.int64())
+            fine = pa.duration("ns") if is_duration else pa.timestamp("ns", column.type.tz)
+            column = column.cast(fine).cast(pa.int64())
         # Signed, so that a time that goes back becomes a negative step rather than a huge one.
         return (
             _convert_to_numpy(column.cast(pa.int64()))
@@ -153,10 +159,17 @@ class LogTable:
             else None
         )
 
-    def _check_date(self, name: str, is_date: bool, unit: str) -> None:
-        if is_date != (unit == "datetime"):
-            held = "dates" if is_date else "no dates"
-            raise LogError(f"{self.path}: the time column '{name}' holds {held}, but the map says unit = '{unit}'.")
+    def _check_date(self, name: str, column: Column, is_date: bool, unit: str) -> None:
+        if is_date and unit != "datetime":
+            raise LogError(
+                f"{self.path}: the time column '{name}' holds dates; say unit = 'datetime' instead of '{unit}'."
+            )
+        if unit == "datetime" and not is_date:
+            first = f", such as {str(column[0])!r}" if len(column) else ""
+            raise LogError(
+                f"{self.path}: the time column '{name}' holds no dates{first}; write them as 2025-12-31T23:59:59.25, "
+                "or as numbers, with their unit."
+            )
 
     def _from_numpy(self, name: str, column: np.ndarray) -> np.ndarray:
         if column.dtype.kind not in "biuf" or column.ndim not in (1, 2):
@@ -179,9 +192,10 @@ class LogTable:
             row = next(row for row, cell in enumerate(points) if cell is not None and not _is_number(cell))
             other = {".": ",", ",": "."}[self.decimal]
             is_other = _is_number(cells[row].replace(other, "."))
-            remedy = f"; if it is one, say decimal = '{other}' at the top of the map" if is_other else ""
+            remedy = f"if it is one, say decimal = '{other}' at the top of the map" if is_other else "take that row out"
             raise LogError(
-                f"{self.path}: the column '{name}' holds {cells[row]!r} in {self.name_rows([row])}, no number{remedy}."
+                f"{self.path}: the column '{name}' holds {cells[row]!r} in {self.name_rows([row])}, no number; "
+                f"{remedy}."
             ) from None
 
     def _with_point(self, column: pa.Array) -> pa.Array:
@@ -207,10 +221,14 @@ class LogTable:
         lengths = pc.list_value_length(column).to_numpy(zero_copy_only=False) if len(column) else np.zeros(0)
         if len(set(lengths.tolist())) > 1:
             row = int(np.flatnonzero(lengths != lengths[0])[0])
+            remedy = (
+                "say joint_names = … if a column names the joints of each row, or take such rows out"
+                if lengths.all()
+                else "take the empty rows out, or do without this column (of velocities: velocity = 'derive')"
+            )
             raise LogError(
-                f"{self.path}: the column '{name}' holds {count_of(lengths[0], 'number')} in the first row and "
-                f"{lengths[row]} in "
-                f"{self.name_rows([row])}."
+                f"{self.path}: the column '{name}' holds {count_of(lengths[0], 'number')} in "
+                f"{self.name_rows([0])} and {lengths[row]} in {self.name_rows([row])}; {remedy}."
             )
         try:
             flat = _convert_to_numpy(pc.list_flatten(column).cast(pa.float64()))

@@ -58,7 +58,10 @@ def list_indirect_actuators(spec: mujoco.MjSpec) -> list[str]:
 
 
 def find_driving_actuators(model: mujoco.MjModel, joint: int) -> np.ndarray:
-    """Return the indices of the actuators with control that drive a joint of a compiled model, servos first."""
+    """Return the indices of the actuators with control that drive a joint of a compiled model, servos first.
+
+    Those of a group that the model switches off (`actuatorgroupdisable`) come last.
+    """
     name = model.joint(joint).name
     tendons = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, name + end) for end in TRANSMISSIONS]
     target = model.actuator_trnid[:, 0]
@@ -70,7 +73,17 @@ def find_driving_actuators(model: mujoco.MjModel, joint: int) -> np.ndarray:
     found = {actuator for actuator in by_joint if int(kind[actuator]) in DIRECT and inputs[actuator] > 0}
     found |= {actuator for actuator in by_tendon if kind[actuator] == TENDON and inputs[actuator] > 0}
     feedback = model.actuator_biasprm  # a servo has position feedback
-    return np.array(sorted(found, key=lambda actuator: (feedback[actuator, 1] == 0, actuator)), dtype=int)
+
+    def rank(actuator: int) -> tuple[bool, bool, int]:
+        return is_switched_off(model, actuator), bool(feedback[actuator, 1] == 0), actuator
+
+    return np.array(sorted(found, key=rank), dtype=int)
+
+
+def is_switched_off(model: mujoco.MjModel, actuator: int) -> bool:
+    """Whether the model switches off an actuator's group; only 0 … 30 can be."""
+    group = int(model.actuator_group[actuator])
+    return 0 <= group <= 30 and bool(int(model.opt.disableactuator) >> group & 1)
 
 
 def find_servo_actuators(model: mujoco.MjModel, joint: int) -> list[int]:

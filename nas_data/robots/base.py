@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypedDict
+from typing import TypeAlias, TypedDict
 
 import mujoco
 
@@ -26,7 +26,29 @@ URDF = ".urdf"
 KNOWN = (".xml", URDF)  # file suffixes that MuJoCo reads
 TORQUES = ":torque"  # suffix of a URDF's path for torque motors instead of position servos
 PREFIX = "nas_"  # prefix of the constants of this package in <custom>
+WEIGHTLESS = re.compile(r"mass and inertia of moving bodies must be larger.*?Element name '([^']*)'")
 NOT_A_NUMBER = "'NaN'"  # part of MuJoCo's warning about NaN, which it reads as a missing number
+
+Edit: TypeAlias = Callable[[mujoco.MjSpec], None]
+
+
+@dataclass(frozen=True)
+class ConsecutiveEdits:
+    """A model edit that applies two edits in order.
+
+    Attributes:
+        first: First edit; may be None.
+        second: Second edit.
+    """
+
+    first: Edit | None
+    second: Edit
+
+    def __call__(self, spec: mujoco.MjSpec) -> None:
+        """Edit a model."""
+        if self.first is not None:
+            self.first(spec)
+        self.second(spec)
 
 
 @dataclass(frozen=True)
@@ -55,7 +77,7 @@ class Robot:
     position_quantum: float = 0.0
     velocity_quantum: float = 0.0
     tip: str | None = None
-    edit: Callable[[mujoco.MjSpec], None] | None = None
+    edit: Edit | None = None
     bases: tuple[str, ...] = ()
     adapted: bool = False
 
@@ -114,8 +136,19 @@ def _explain_error(path: Path, reason: str) -> str:
     """Return the error message for a model that MuJoCo cannot read."""
     missing = MISSING.search(reason)
     if missing:
+        if missing[1].startswith("package:"):
+            inside = missing[1].removeprefix("package:").lstrip("/")
+            return (
+                f"{path} needs the file '{inside}' of a ROS package: put the package's folder beside the model, and "
+                "take 'package://' out of the model."
+            )
         wanted = path.parent / missing[1]
         return f"{path} needs the file '{missing[1]}', which is missing: put it beside the model, at {wanted}."
+    if (light := WEIGHTLESS.search(reason)) is not None:
+        return (
+            f"{path} has a link that moves and weighs nothing, '{light[1]}'; give it mass and inertia (<inertial>), "
+            "small ones if it stands for no part."
+        )
     return f"{path} cannot be used as a robot model: {reason}; give an MJCF or URDF file."
 
 
@@ -222,8 +255,9 @@ def find_robot(name_or_path: str | Path) -> Robot:
         own = read_constants(spec, path)
         for doubt in check_angle_units(path, spec.compile(), bool(spec.compiler.degree)):
             warn_once(doubt)
-        if path.suffix == URDF and (joints := find_motor_joints(spec)):
-            return Robot(name=path.stem, mjcf=path, joints=joints, edit=add_actuators, **own)
+        edit: Edit | None = add_actuators if path.suffix == URDF and find_motor_joints(spec) else None
+        if edit:
+            edit(spec)
         joints, indirect = list_actuated_joints(spec), ", ".join(list_indirect_actuators(spec))
         if not joints:
             remedy = (
@@ -242,6 +276,6 @@ def find_robot(name_or_path: str | Path) -> Robot:
                 f"the base {names} of {path} is free to fall, and no joint tells where it is: it is held where the "
                 "model has it, as if the robot hung there."
             )
-            return Robot(name=path.stem, mjcf=path, joints=joints, edit=fix_bases, bases=bases, **own)
-        return Robot(name=path.stem, mjcf=path, joints=joints, **own)
+            edit = ConsecutiveEdits(edit, fix_bases)
+        return Robot(name=path.stem, mjcf=path, joints=joints, edit=edit, bases=bases, **own)
     raise UnknownName("robot", given, list_robot_names())

@@ -9,7 +9,7 @@ import numpy as np
 from nas_data.dataset.features import EFFORT, POSITION, VELOCITY
 from nas_data.effects.edits.servo import ALIKE, read_rest_shift
 from nas_data.errors import JointMismatch, ModelFileError
-from nas_data.mjcf.actuator_lookup import find_driving_actuators
+from nas_data.mjcf.actuator_lookup import find_driving_actuators, is_switched_off
 from nas_data.simulators.other_actuators import explain_missing_actuator
 
 POSITION_INPUT, VELOCITY_INPUT, FEEDFORWARD_INPUT = 1, 2, 4  # bits of MuJoCo's `mjtCtrlInput`
@@ -91,7 +91,8 @@ class Controls:
 def find_command(model: mujoco.MjModel, joint: int, name: str) -> tuple[int, Control]:
     """Return the actuator that a joint is commanded by, and its conversion.
 
-    Of several actuators a position servo is preferred, then the first whose command quantity is known.
+    Of several actuators that are not switched off a position servo is preferred, then the first whose command quantity
+    is known.
 
     Args:
         model: Compiled model.
@@ -109,7 +110,7 @@ def find_command(model: mujoco.MjModel, joint: int, name: str) -> tuple[int, Con
         except UnknownControl as reason:
             reasons.append(f"The actuator {describe_actuator(model, actuator)} of {name} {reason}; {REMEDY}.")
     if found:
-        return min(found, key=lambda pair: pair[1].kind != POSITION)
+        return min(found, key=lambda pair: (is_switched_off(model, pair[0]), pair[1].kind != POSITION))
     if reasons:
         raise ModelFileError(reasons[0])
     raise JointMismatch(explain_missing_actuator(model, joint, name))
@@ -222,7 +223,8 @@ def is_linear(model: mujoco.MjModel, actuator: int) -> bool:
     )
     linear = bias in (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
     simple = (int(mujoco.mjtDyn.mjDYN_NONE), int(mujoco.mjtDyn.mjDYN_INTEGRATOR), *FILTERS)
-    return bool(fixed and linear and int(model.actuator_dyntype[actuator]) in simple)
+    plugin = model.actuator_plugin[actuator] >= 0  # its force is its own
+    return bool(fixed and linear and not plugin and int(model.actuator_dyntype[actuator]) in simple)
 
 
 def find_actuator_type(model: mujoco.MjModel, actuator: int) -> str:

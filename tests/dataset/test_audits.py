@@ -343,3 +343,10 @@ def test_verify_says_what_the_audits_say(check, tmp_path):
     found = examine(write(dataset, tmp_path / "d", Provenance(how="simulated", contiguous=False)))
     said = found.problems if findings[0].error else found.notes
     assert any(findings[0].what in sentence for sentence in said), (said, findings)
+
+
+@pytest.mark.parametrize("frames", [1, 2])
+def test_an_episode_of_a_frame_or_two_beside_whole_ones_is_no_fault(frames):
+    whole = exact(50)
+    short = dataset_of(whole.states[: frames + 1], whole.commands[:frames], 50, episodes=1)
+    assert heard(short) == set()

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from nas_data import registry
 from nas_data.effects.base import add_effects
 from nas_data.envs import ergo_shield, pusher, striker
-from nas_data.envs.base import ConsecutiveEdits, find_task
+from nas_data.envs.base import find_task
 from nas_data.envs.loop.arm_env import ArmEnv
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
@@ -21,7 +21,7 @@ from nas_data.errors import ModelFileError, OptionError
 from nas_data.models.checkpoint import save
 from nas_data.models.lstm import DynamicsModel
 from nas_data.recorders.recipe import Recipe
-from nas_data.robots.base import find_robot
+from nas_data.robots.base import ConsecutiveEdits, find_robot
 from nas_data.robots.ergo_shield import DEFENDERS_JOINTS
 from nas_data.studies.experiments.pipeline.authors import DIFFERENCES
 

@@ -1,8 +1,21 @@
 """MCAP files and bags of ROS: topics of different rates, names in any order in every message, joined by time."""
 
+import json
+
 import numpy as np
 import pytest
-from support.bag_samples import MAP, START, angle, commands, write_json_mcap, write_mcap, write_rosbag
+from mcap.writer import Writer
+from support.bag_samples import (
+    MAP,
+    START,
+    angle,
+    commands,
+    header,
+    states,
+    write_json_mcap,
+    write_mcap,
+    write_rosbag,
+)
 from support.import_samples import write_map
 
 from nas_data.cli import main
@@ -68,3 +81,95 @@ def test_joints_that_no_message_names_are_refused(tmp_path):
     text = MAP.format(format="mcap").replace('["shoulder", "elbow"]', '["hip", "knee"]')
     with pytest.raises(MapError, match=r"no row names a joint of the map \(hip, knee\)"):
         import_logs([log], load_map(write_map(tmp_path, text)))
+
+
+def write_messages(path, change_state=dict, change_command=dict, encoding="json", **options):
+    """Write the sample's messages as JSON, each changed by a function; `options` are those of MCAP's writer."""
+    messages = [("/joint_states", time, change_state({"header": header(time), **state})) for time, state in states()]
+    messages += [("/commands", time, change_command({"data": goal})) for time, goal in commands()]
+    with path.open("wb") as file:
+        writer = Writer(file, **options)
+        writer.start()
+        schema = writer.register_schema("any", "jsonschema", b"{}")
+        channels = {topic: writer.register_channel(topic, encoding, schema) for topic, _, _ in messages}
+        for topic, time, content in messages:
+            writer.add_message(channels[topic], log_time=time, data=json.dumps(content).encode(), publish_time=time)
+        writer.finish()
+    return path
+
+
+def import_bag(folder, change=str):
+    return import_logs([folder / "bag.mcap"], load_map(write_map(folder, change(MAP.format(format="mcap"))))).dataset
+
+
+def test_commands_are_put_in_order_by_the_names_of_their_own_type_of_message(tmp_path):
+    right = import_bag(write_json_mcap(tmp_path / "bag.mcap").parent).commands
+
+    def as_trajectory(message):
+        return {"joint_names": ["elbow", "shoulder"], "points": [{"positions": message["data"][::-1]}]}
+
+    write_messages(tmp_path / "bag.mcap", change_command=as_trajectory)
+    found = import_bag(tmp_path, lambda text: text.replace('column = "data"', 'column = "points.0.positions"'))
+    np.testing.assert_array_equal(found.commands, right)
+
+
+def test_names_in_another_order_than_the_map_are_not_passed_over(tmp_path):
+    def turn(message):
+        kept = [message["name"].index(name) for name in ("elbow", "shoulder") if name in message["name"]]
+        return {**message, **{key: [message[key][k] for k in kept] for key in ("name", "position")}}
+
+    write_messages(tmp_path / "bag.mcap", change_state=turn)
+    with pytest.raises(MapError, match="elbow, shoulder, but the map shoulder, elbow; say joint_names = 'name'"):
+        import_bag(tmp_path, lambda text: text.replace('joint_names = "name"\n', ""))
+
+
+def test_stamps_of_foxglove_and_of_ros_1_are_times(tmp_path):
+    for seconds, nanoseconds in (("sec", "nsec"), ("secs", "nsecs")):
+
+        def rename(message, keys=(seconds, nanoseconds)):
+            stamp = message["header"]["stamp"]
+            return {**message, "header": {"stamp": dict(zip(keys, stamp.values(), strict=True))}}
+
+        write_messages(tmp_path / "bag.mcap", change_state=rename)
+        assert import_bag(tmp_path).n_frames == 199
+
+
+def test_clocks_that_differ_are_not_joined(tmp_path):
+    def late(message):
+        stamp = message["header"]["stamp"]
+        return {**message, "header": {"stamp": {**stamp, "sec": stamp["sec"] + 3}}}
+
+    write_messages(tmp_path / "bag.mcap", change_state=late)
+    with pytest.raises(
+        LogError, match=r"are 3 s behind those of /joint_states.*say column = 'log_time' for all topics"
+    ):
+        import_bag(tmp_path)
+    by_receipt = 'column = "log_time"'
+    assert import_bag(tmp_path, lambda text: text.replace('column = "header.stamp"', by_receipt)).n_frames == 199
+
+
+def test_a_bag_without_channels_in_its_summary_is_read(tmp_path):
+    write_messages(tmp_path / "bag.mcap", repeat_channels=False, repeat_schemas=False, use_statistics=False)
+    assert import_bag(tmp_path).n_frames == 199
+
+
+def test_messages_of_another_encoding_are_not_called_damaged(tmp_path):
+    write_messages(tmp_path / "bag.mcap", encoding="protobuf")
+    with pytest.raises(LogError, match="has messages in the encoding protobuf; those of ROS 2"):
+        import_bag(tmp_path)
+
+
+def test_fields_that_some_messages_lack_are_named_by_row(tmp_path):
+    measured = '[read.velocity]\ntopic = "state"\ncolumn = "velocity"\nunit = "rad/s"\n'
+
+    def without_some(message, key="velocity"):
+        lost = message["header"]["stamp"]["nanosec"] == 40_000_000
+        values = {} if lost and key == "position" else {key: [] if lost else [1.0] * len(message["name"])}
+        return {**{name: value for name, value in message.items() if name != key}, **values}
+
+    write_messages(tmp_path / "bag.mcap", change_state=without_some)
+    with pytest.raises(LogError, match=r"'velocity' holds 3 numbers in row 0 .* and 0 in row 2 .*velocity = 'derive'"):
+        import_bag(tmp_path, lambda text: text.replace('"derive"', '"measured"') + measured)
+    write_messages(tmp_path / "bag.mcap", change_state=lambda message: without_some(message, "position"))
+    with pytest.raises(LogError, match="'position' is empty in rows 2, "):
+        import_bag(tmp_path)

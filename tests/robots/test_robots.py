@@ -273,3 +273,36 @@ def test_what_is_no_robot_is_refused(tmp_path):
     free.write_text('<mujoco><worldbody><body><joint/><geom size="0.1"/></body></worldbody></mujoco>')
     with pytest.raises(ModelFileError, match="no actuator"):
         find_robot(free)
+
+
+LINK = '<inertial><mass value="{}"/><inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial>'
+FLOATING = f"""<robot name="r"><link name="w"/><link name="b">{LINK.format(1)}</link>
+<link name="l">{LINK.format(0.1)}</link>
+<joint name="f" type="floating"><parent link="w"/><child link="b"/></joint><joint name="j" type="revolute">
+<parent link="b"/>
+<child link="l"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="5" velocity="9"/></joint></robot>"""
+
+
+def test_the_floating_base_of_a_urdf_is_held_as_that_of_an_mjcf(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(FLOATING)
+    robot = find_robot(path)
+    model = robot.spec().compile()
+    assert robot.joints == ("j",) and robot.bases == ("b",) and model.njnt == model.nu == 1
+
+
+def test_what_a_urdf_lacks_is_said_with_a_remedy_that_works(tmp_path):
+    path = tmp_path / "arm.urdf"
+    mesh = '<collision><geometry><mesh filename="package://arm/meshes/l.obj"/></geometry></collision>'
+    path.write_text(FLOATING.replace('</link>\n<joint name="f"', mesh + '</link>\n<joint name="f"'))
+    with pytest.raises(ModelFileError, match=r"'arm/meshes/l\.obj' of a ROS package: put the package's folder beside"):
+        find_robot(path)
+    (tmp_path / "arm/meshes").mkdir(parents=True)
+    (tmp_path / "arm/meshes/l.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    )
+    path.write_text(path.read_text().replace("package://", ""))
+    assert find_robot(path).joints == ("j",)
+    path.write_text(FLOATING.replace(LINK.format(0.1), ""))
+    with pytest.raises(ModelFileError, match="a link that moves and weighs nothing, 'l'; give it mass and inertia"):
+        find_robot(path)

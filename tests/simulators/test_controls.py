@@ -166,3 +166,22 @@ def test_a_servo_is_preferred_to_other_actuators_of_its_joint(load):
     simulator = load(both)
     assert simulator.kinds == (".pos", ".pos")
     assert simulator.layout.control.tolist() == [2, 5]
+
+
+def test_an_actuator_that_the_model_switches_off_takes_no_command(load):
+    both = '<position joint="{j}" kp="5" group="1"/><motor name="{j}_motor" joint="{j}"/>'
+    on = replace(PLAIN, actuator=both)
+    assert load(on).kinds == (".pos", ".pos")
+    off = replace(on, after='<option actuatorgroupdisable="1"/>')
+    assert load(off).kinds == (".effort", ".effort")
+
+
+def test_what_a_plugin_is_asked_for_is_not_guessed(load):
+    plugin = (
+        '<extension><plugin plugin="mujoco.pid"><instance name="p"><config key="kp" value="5"/></instance></plugin>'
+    )
+    way = replace(
+        PLAIN, actuator='<plugin joint="{j}" plugin="mujoco.pid" instance="p"/>', after=plugin + "</extension>"
+    )
+    with pytest.raises(ModelFileError, match=r"'a' of .* \(plugin\) has a control that is no position, velocity or"):
+        load(way)

@@ -77,9 +77,15 @@ def _refuse_ragged(path: Path, delimiter: str) -> None:
     parsing = csv.ParseOptions(delimiter=delimiter, invalid_row_handler=keep)
     with suppress(pa.ArrowInvalid):
         csv.read_csv(path, read_options=csv.ReadOptions(use_threads=False), parse_options=parsing)
+    if bad and bad[0].actual_columns > bad[0].expected_columns:
+        raise LogError(
+            f"{path}: line {bad[0].number} has {count_of(bad[0].actual_columns, 'cell')}, but the header, line 1, has "
+            f"{bad[0].expected_columns}; take out lines before the header, name every column in it, and write numbers "
+            "with a decimal point, or with another delimiter."
+        )
     if bad:
         raise LogError(
             f"{path}: line {bad[0].number} has {count_of(bad[0].actual_columns, 'cell')}, "
             f"but the header {bad[0].expected_columns}; the line is damaged or cut off: "
-            "repair it or take it out, and write numbers with a decimal point."
+            "repair it or take it out."
         )

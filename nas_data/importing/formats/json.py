@@ -1,4 +1,4 @@
-"""JSON: a list of rows under one key, or one list per column; other keys are constants."""
+"""JSON: a list of rows, also under one key or one a line, or one list per column; other keys are constants."""
 
 import json
 from pathlib import Path
@@ -7,9 +7,10 @@ import pyarrow as pa
 
 from nas_data.errors import LogError, MapError
 from nas_data.importing.layout import LogLayout
+from nas_data.importing.messages import flatten_fields, make_column, make_columns
 from nas_data.importing.table import LogTable
 
-SUFFIXES = (".json",)
+SUFFIXES = (".json", ".jsonl", ".ndjson")
 
 
 def read(path: Path, layout: LogLayout) -> LogTable:
@@ -27,7 +28,7 @@ def read(path: Path, layout: LogLayout) -> LogTable:
         columns = _from_rows(path, content[layout.entries])
         return LogTable(path, columns, {key: value for key, value in content.items() if key != layout.entries})
     lists = {key: value for key, value in content.items() if isinstance(value, list)}
-    columns = {key: _make_column(path, key, value) for key, value in lists.items()}
+    columns = {key: make_column(value) for key, value in lists.items()}
     return LogTable(path, columns, {key: value for key, value in content.items() if key not in lists})
 
 
@@ -38,14 +39,20 @@ def _parse(path: Path) -> object:
         LogError: the file is no UTF-8 or no JSON; the message has the line.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig").rstrip()
     except UnicodeDecodeError:
         raise LogError(f"{path} cannot be read as json: it is not in UTF-8; save it in that encoding.") from None
     try:
         return json.loads(text)
     except json.JSONDecodeError as error:
+        first = error
+    if (first.msg, first.lineno, first.colno) == ("Extra data", 2, 1):  # a value a line
+        text = "[" + ",\n".join(text.splitlines()) + "]"
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
         # The error of a truncated file is at its end, or at the start of an unterminated string.
-        if error.pos >= len(text.rstrip()) - 1 or error.msg.startswith("Unterminated"):
+        if error.pos >= len(text) - 1 or error.msg.startswith("Unterminated"):
             raise LogError(
                 f"{path} is cut off in line {error.lineno}; copy it again, or let the recorder close its file."
             ) from None
@@ -55,16 +62,7 @@ def _parse(path: Path) -> object:
 
 
 def _from_rows(path: Path, rows: object) -> dict[str, pa.Array]:
-    """Convert a list of objects to columns; missing keys become empty cells."""
+    """Convert a list of objects to columns; names of nested objects are joined with dots, missing keys empty cells."""
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise LogError(f'{path} holds no list of objects as rows; each row must be an object like {{"time": 0.0}}.')
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    return {name: _make_column(path, name, [row.get(name) for row in rows]) for name in names}
-
-
-def _make_column(path: Path, name: str, values: list[object]) -> pa.Array:
-    """Return a column; values of mixed types become text, which is an error only if the column is read."""
-    try:
-        return pa.array(values)
-    except (pa.ArrowInvalid, pa.ArrowTypeError):
-        return pa.array([None if value is None else str(value) for value in values])
+    return make_columns([dict(flatten_fields(row)) for row in rows])

@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from mcap.decoder import DecoderFactory
-from mcap.exceptions import McapError
-from mcap.reader import make_reader
+from mcap.exceptions import DecoderNotFoundError, McapError
+from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory as Ros2
 
@@ -22,6 +22,12 @@ def read_topics(path: Path, layout: LogLayout) -> dict[str, LogTable]:
     """Read the topics that a map names."""
     try:
         return to_tables(path, dict(layout.topics), _read_messages(path, layout))
+    except DecoderNotFoundError as error:
+        encoding = str(error).partition(" message encoding ")[2].partition(",")[0]
+        raise LogError(
+            f"{path} has messages in the encoding {encoding}; those of ROS 2 (cdr) and JSON are read: "
+            "write the topics of the map so, or as columns of a CSV file."
+        ) from None
     except McapError as error:
         reason = (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
         raise LogError(
@@ -32,11 +38,16 @@ def read_topics(path: Path, layout: LogLayout) -> dict[str, LogTable]:
 
 def _read_messages(path: Path, layout: LogLayout) -> Iterator[tuple[str, int, object]]:
     with path.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[Ros2(), _Json()])
-        there = {channel.topic for channel in summary.channels.values()} if (summary := reader.get_summary()) else set()
-        missing = next((topic for topic in layout.topics.values() if summary and topic not in there), None)
+        decoders = [Ros2(), _Json()]
+        reader = make_reader(file, decoder_factories=decoders)
+        summary = reader.get_summary()
+        there = {channel.topic for channel in summary.channels.values()} if summary else set()
+        if not there:  # a recorder that was killed, or spared the summary: its channels stand among the messages
+            file.seek(0)
+            reader = NonSeekingReader(file, decoder_factories=decoders)
+        missing = next((topic for topic in layout.topics.values() if there and topic not in there), None)
         if missing is not None:
-            found = ", ".join(sorted(there)) or "none"
+            found = ", ".join(sorted(there))
             raise LogError(f"{path} has no topic '{missing}', which [topics] of the map names; it has: {found}.")
         for _, channel, message, decoded in reader.iter_decoded_messages(topics=list(layout.topics.values())):
             yield channel.topic, message.log_time, decoded

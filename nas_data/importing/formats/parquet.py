@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from pyarrow import parquet
+from pyarrow import parquet, types
 
 from nas_data.errors import LogError
 from nas_data.importing.layout import LogLayout
@@ -13,7 +13,7 @@ MAGIC = b"PAR1"  # first and last bytes of a Parquet file
 
 
 def read(path: Path, layout: LogLayout) -> LogTable:
-    """Read a file; its key-value metadata are constants."""
+    """Read a file; its key-value metadata are constants; fields of structs have dotted names."""
     content = path.read_bytes()
     if content.startswith(MAGIC) and not content.endswith(MAGIC):
         raise LogError(f"{path} is cut off: its end is missing; copy it again, or let the recorder close its file.")
@@ -23,5 +23,7 @@ def read(path: Path, layout: LogLayout) -> LogTable:
     table = parquet.read_table(path)
     metadata = table.schema.metadata or {}
     constants = {key.decode(): number_or_text(value.decode(errors="replace")) for key, value in metadata.items()}
+    while any(types.is_struct(column.type) for column in table.columns):
+        table = table.flatten()
     columns = {name: table.column(name).combine_chunks() for name in table.column_names}
     return LogTable(path, columns, constants)

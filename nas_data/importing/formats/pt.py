@@ -27,7 +27,11 @@ def read(path: Path, layout: LogLayout) -> LogTable:
     columns: dict[str, np.ndarray] = {}
     constants: dict[str, object] = {}
     for name, value in _flatten_mappings(content):
-        array = value.detach().numpy() if isinstance(value, torch.Tensor) else np.asarray(value)
+        if isinstance(value, torch.Tensor):
+            dense = value.detach().to_dense()
+            # types that NumPy lacks, such as bfloat16, have fewer digits than float32
+            value = dense.float() if dense.is_floating_point() and dense.element_size() < 4 else dense
+        array = np.asarray(value)
         if array.ndim:
             columns[name] = array
         else:

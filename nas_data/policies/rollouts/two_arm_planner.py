@@ -8,9 +8,9 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 
-from nas_data.envs.base import ConsecutiveEdits
 from nas_data.errors import PathBlocked
 from nas_data.recorders.path_planner import PathPlanner
+from nas_data.robots.base import ConsecutiveEdits
 from nas_data.robots.ergo_shield import DEFENDER, DEFENDERS_JOINTS
 from nas_data.robots.ergo_shield import ROBOT as DUEL
 from nas_data.robots.ergojr import JOINTS

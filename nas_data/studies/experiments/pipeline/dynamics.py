@@ -3,7 +3,8 @@
 from functools import partial
 
 from nas_data.effects.base import Effect
-from nas_data.envs.base import SOURCE, ConsecutiveEdits, Edit, Task
+from nas_data.envs.base import SOURCE, Task
+from nas_data.robots.base import ConsecutiveEdits, Edit
 from nas_data.simulators.engines import ENGINE_NAMES
 from nas_data.studies.experiments.pipeline.artifacts import Artifacts
 
