@@ -14,21 +14,13 @@ CPUINFO = Path("/proc/cpuinfo")
 
 @dataclass(frozen=True)
 class Hardware:
-    """The machine of a benchmark.
+    """The machine of a benchmark."""
 
-    Attributes:
-        processor: Its model.
-        cores: Number of usable cores.
-        load: Load average.
-        system: Operating system and architecture.
-        versions: Versions of Python and of the packages.
-    """
-
-    processor: str
-    cores: int
-    load: float
-    system: str
-    versions: Mapping[str, str]
+    processor: str  # its model
+    cores: int  # number of usable cores
+    load: float  # load average
+    system: str  # operating system and architecture
+    versions: Mapping[str, str]  # versions of Python and of the packages
 
 
 def read_hardware() -> Hardware:

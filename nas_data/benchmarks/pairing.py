@@ -27,19 +27,13 @@ OURS, MEMORY, BARE = "nas pair", "pair() in memory", "bare mujoco.rollout"
 
 @dataclass(frozen=True)
 class BareRollouts:
-    """The rollouts that pairing needs; everything else is done beforehand.
+    """The rollouts that pairing needs; everything else is done beforehand."""
 
-    Attributes:
-        model: Compiled source.
-        substeps: Physics steps per control step.
-        chunks: Full initial states (B, size) and controls (B, substeps, nu) of each call.
-        threads: Threads of the pool.
-    """
-
-    model: mujoco.MjModel
-    substeps: int
+    model: mujoco.MjModel  # compiled source
+    substeps: int  # physics steps per control step
+    # full initial states (B, size) and controls (B, substeps, nu) of each call
     chunks: tuple[tuple[np.ndarray, np.ndarray], ...]
-    threads: int
+    threads: int  # threads of the pool
 
     @classmethod
     def of(cls, simulator: MujocoSimulator, dataset: Dataset) -> "BareRollouts":

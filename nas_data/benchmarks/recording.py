@@ -85,17 +85,11 @@ class GymArm(gymnasium.Env[np.ndarray, np.ndarray]):
 
 @dataclass(frozen=True)
 class Bulk:
-    """Our way: the work of both commands, up to a paired version on disk.
+    """Our way: the work of both commands, up to a paired version on disk."""
 
-    Attributes:
-        folder: Folder of the versions.
-        episodes: Number of episodes.
-        seconds: Length of each [s].
-    """
-
-    folder: Path
-    episodes: int
-    seconds: float
+    folder: Path  # folder of the versions
+    episodes: int  # number of episodes
+    seconds: float  # length of each [s]
 
     def record(self, name: str) -> Path:
         """Record and pair; return the paired version."""
@@ -106,21 +100,13 @@ class Bulk:
 
 @dataclass(frozen=True)
 class Stepwise:
-    """The usual way: target and source as environments; the source is set to each measured state, frame by frame.
+    """The usual way: target and source as environments; the source is set to each measured state, frame by frame."""
 
-    Attributes:
-        folder: Folder of the datasets.
-        kind: LeRobot's dataset class.
-        reference: Dataset with the commands of each episode.
-        target: Robot with its effects.
-        source: Plain robot.
-    """
-
-    folder: Path
-    kind: "type[LeRobotDataset]"
-    reference: Dataset
-    target: GymArm
-    source: GymArm
+    folder: Path  # folder of the datasets
+    kind: "type[LeRobotDataset]"  # LeRobot's dataset class
+    reference: Dataset  # dataset with the commands of each episode
+    target: GymArm  # robot with its effects
+    source: GymArm  # plain robot
 
     @classmethod
     def of(cls, folder: Path, kind: "type[LeRobotDataset]", reference: Dataset) -> "Stepwise":

@@ -11,17 +11,11 @@ from nas_data.typed_json import as_object
 
 @dataclass(frozen=True)
 class Unit:
-    """Unit of times.
+    """Unit of times."""
 
-    Attributes:
-        heading: Heading of tables.
-        key: Key in JSON.
-        factor: Factor from seconds.
-    """
-
-    heading: str
-    key: str
-    factor: float
+    heading: str  # heading of tables
+    key: str  # key in JSON
+    factor: float  # factor from seconds
 
 
 MICROSECONDS_A_FRAME = Unit("µs a frame", "microseconds_per_frame", 1e6)
@@ -30,21 +24,13 @@ SECONDS = Unit("seconds", "seconds", 1.0)
 
 @dataclass(frozen=True)
 class BenchmarkResult:
-    """Result of a benchmark.
+    """Result of a benchmark."""
 
-    Attributes:
-        title: Description of the work.
-        times: Name of each side → its times.
-        ratios: Ratios; the first is the main one.
-        notes: Notes on the limits of the numbers.
-        unit: Unit of the times.
-    """
-
-    title: str
-    times: Mapping[str, Times]
-    ratios: tuple[Ratio, ...]
-    notes: tuple[str, ...] = ()
-    unit: Unit = MICROSECONDS_A_FRAME
+    title: str  # description of the work
+    times: Mapping[str, Times]  # name of each side → its times
+    ratios: tuple[Ratio, ...]  # ratios; the first is the main one
+    notes: tuple[str, ...] = ()  # notes on the limits of the numbers
+    unit: Unit = MICROSECONDS_A_FRAME  # unit of the times
 
     def to_text(self) -> str:
         """Return title, times per frame of each round, ratios and hardware as text."""

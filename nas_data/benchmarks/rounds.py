@@ -13,15 +13,10 @@ Work = Callable[[], int]
 
 @dataclass(frozen=True)
 class Times:
-    """Times of one side.
+    """Times of one side."""
 
-    Attributes:
-        wall: Elapsed time per frame of each round [s].
-        cpu: Processor time of all threads per frame of each round [s].
-    """
-
-    wall: tuple[float, ...]
-    cpu: tuple[float, ...]
+    wall: tuple[float, ...]  # elapsed time per frame of each round [s]
+    cpu: tuple[float, ...]  # processor time of all threads per frame of each round [s]
 
 
 def take_turns(sides: Mapping[str, Work], rounds: int) -> dict[str, Times]:
@@ -48,20 +43,13 @@ def take_turns(sides: Mapping[str, Work], rounds: int) -> dict[str, Times]:
 
 @dataclass(frozen=True)
 class Ratio:
-    """Speed of one side relative to another.
+    """Speed of one side relative to another."""
 
-    Attributes:
-        name: Its name in `--json`, for example `pairing_vs_rollout`.
-        ours: Name of our side.
-        other: Name of the other side.
-        wanted: Required ratio; None if there is none.
-        clock: `wall`, or `cpu` if other load on the machine would dominate the elapsed time.
-    """
-
-    name: str
-    ours: str
-    other: str
-    wanted: float | None = None
+    name: str  # its name in `--json`, for example `pairing_vs_rollout`
+    ours: str  # name of our side
+    other: str  # name of the other side
+    wanted: float | None = None  # required ratio; None if there is none
+    # `wall`, or `cpu` if other load on the machine would dominate the elapsed time
     clock: Literal["wall", "cpu"] = "wall"
 
     def values(self, times: Mapping[str, Times]) -> list[float]:

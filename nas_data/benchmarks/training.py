@@ -30,17 +30,11 @@ WANTED_TUNED = 1.0
 
 @dataclass(frozen=True)
 class Point:
-    """The end of an epoch.
+    """The end of an epoch."""
 
-    Attributes:
-        cpu: Processor time since the start of the training [s], without validations.
-        wall: Elapsed time [s], without validations.
-        loss: Best one-step error on the held-out episodes so far, mean square in units of the target's spread.
-    """
-
-    cpu: float
-    wall: float
-    loss: float
+    cpu: float  # processor time since the start of the training [s], without validations
+    wall: float  # elapsed time [s], without validations
+    loss: float  # best one-step error on the held-out episodes so far, mean square in units of the target's spread
 
 
 Curve = tuple[Point, ...]
@@ -48,19 +42,12 @@ Curve = tuple[Point, ...]
 
 @dataclass(frozen=True)
 class Race:
-    """The trainings of one seed, on the same split of the same episodes.
+    """The trainings of one seed, on the same split of the same episodes."""
 
-    Attributes:
-        paper: The paper's recipe, stopped when its budget was spent.
-        tuned: The same with a tenth of its learning rate.
-        fast: Our preset, stopped when it was as good as both.
-        recipe: How our preset trains, on the paper's network.
-    """
-
-    paper: Curve
-    tuned: Curve
-    fast: Curve
-    recipe: Curve
+    paper: Curve  # the paper's recipe, stopped when its budget was spent
+    tuned: Curve  # the same with a tenth of its learning rate
+    fast: Curve  # our preset, stopped when it was as good as both
+    recipe: Curve  # how our preset trains, on the paper's network
 
     @classmethod
     def run(cls, dataset: Dataset, seed: int, budget: float) -> "Race":

@@ -42,15 +42,10 @@ FORWARD_KINEMATICS = (
 
 @dataclass(frozen=True)
 class OnArm:
-    """Evaluation of policies on an arm.
+    """Evaluation of policies on an arm."""
 
-    Attributes:
-        options: The command with its options.
-        port: Port of the arm's adapter.
-    """
-
-    options: "PolicyEvaluate"
-    port: str
+    options: "PolicyEvaluate"  # the command with its options
+    port: str  # port of the arm's adapter
 
     @property
     def ids(self) -> tuple[str, str]:

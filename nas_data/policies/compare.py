@@ -27,25 +27,15 @@ SOURCE_METHOD, EXPERT_METHOD = "source", "expert"  # the lower and upper referen
 
 @dataclass(frozen=True)
 class Study:
-    """A comparison of methods.
+    """A comparison of methods."""
 
-    Attributes:
-        target: Dynamics on which all policies are evaluated.
-        methods: Dynamics on which each method trains.
-        seeds: Seeds of every method.
-        frames: Control steps of each training.
-        episodes: Episodes of each evaluation, the same for all policies.
-        hyperparameters: Hyperparameters of PPO.
-        dataset: Content hash of the dataset behind learned and named dynamics; None if unknown.
-    """
-
-    target: DynamicsSpec
-    methods: Mapping[str, DynamicsSpec]
-    seeds: Sequence[int] = (0, 1, 2, 3, 4)
-    frames: int = 2_000_000
-    episodes: int = 100
-    hyperparameters: Hyperparameters = field(default_factory=Hyperparameters)
-    dataset: str | None = None
+    target: DynamicsSpec  # dynamics on which all policies are evaluated
+    methods: Mapping[str, DynamicsSpec]  # dynamics on which each method trains
+    seeds: Sequence[int] = (0, 1, 2, 3, 4)  # seeds of every method
+    frames: int = 2_000_000  # control steps of each training
+    episodes: int = 100  # episodes of each evaluation, the same for all policies
+    hyperparameters: Hyperparameters = field(default_factory=Hyperparameters)  # hyperparameters of PPO
+    dataset: str | None = None  # content hash of the dataset behind learned and named dynamics; None if unknown
 
     def trained_as(self, method: str) -> str:
         """Return the first method that trains on the same dynamics; both share their policies."""
@@ -172,17 +162,11 @@ def compare(study: Study, folder: Path, workers: int = 1, report: Report = say, 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Results of a comparison.
+    """Results of a comparison."""
 
-    Attributes:
-        study: The comparison.
-        folder: Folder of policies, learning curves and results.
-        results: Result of each method and seed.
-    """
-
-    study: Study
-    folder: Path
-    results: Mapping[tuple[str, int], PolicyResult]
+    study: Study  # the comparison
+    folder: Path  # folder of policies, learning curves and results
+    results: Mapping[tuple[str, int], PolicyResult]  # result of each method and seed
 
     def values(self, method: str, name: str = "mean_return") -> np.ndarray:
         """Return one entry of `PolicyScore` for each seed of a method, shape (seeds,)."""

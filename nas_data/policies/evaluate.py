@@ -26,19 +26,12 @@ Controller = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Returns:
-    """Results of E episodes.
+    """Results of E episodes."""
 
-    Attributes:
-        returns: Sum of rewards of each episode, shape (E,).
-        successes: Whether each reached its goal, shape (E,).
-        lengths: Control steps of each, shape (E,).
-        diverged: Whether each ended because the simulation diverged, shape (E,).
-    """
-
-    returns: np.ndarray
-    successes: np.ndarray
-    lengths: np.ndarray
-    diverged: np.ndarray
+    returns: np.ndarray  # sum of rewards of each episode, shape (E,)
+    successes: np.ndarray  # whether each reached its goal, shape (E,)
+    lengths: np.ndarray  # control steps of each, shape (E,)
+    diverged: np.ndarray  # whether each ended because the simulation diverged, shape (E,)
 
     @property
     def mean_return(self) -> float:
@@ -158,19 +151,12 @@ def score_baselines(plant: DynamicsSpec, episodes: int, stepper: Stepper | None 
 
 @dataclass(frozen=True)
 class Group:
-    """Policies that differ only in their seed, and their scores on one plant.
+    """Policies that differ only in their seed, and their scores on one plant."""
 
-    Attributes:
-        name: Name in tables.
-        folders: Folders of the policies.
-        policies: The policies.
-        scores: Score of each policy.
-    """
-
-    name: str
-    folders: Sequence[Path]
+    name: str  # name in tables
+    folders: Sequence[Path]  # folders of the policies
     policies: Sequence[Policy]
-    scores: Sequence[Returns]
+    scores: Sequence[Returns]  # score of each policy
 
     @property
     def returns(self) -> np.ndarray:

@@ -14,17 +14,11 @@ FEW = 5  # largest number of values for which the bootstrap interval of a median
 
 @dataclass(frozen=True)
 class Interval:
-    """Interval of the median over seeds.
+    """Interval of the median over seeds."""
 
-    Attributes:
-        low: Lower end.
-        high: Upper end.
-        seeds: Number of values.
-    """
-
-    low: float
-    high: float
-    seeds: int
+    low: float  # lower end
+    high: float  # upper end
+    seeds: int  # number of values
 
     @property
     def level(self) -> float:

@@ -31,19 +31,12 @@ TRAINED_BY = "nas_data.policies.ppo"  # module that runs the steps of this one
 
 @dataclass(frozen=True)
 class PolicyTraining:
-    """Definition of a training; equal trainings give bit-equal policies.
+    """Definition of a training; equal trainings give bit-equal policies."""
 
-    Attributes:
-        plant: Dynamics on which the policy trains.
-        seed: Seed of weights, episodes and exploration.
-        frames: Control steps of the training, rounded up to whole rollouts.
-        hyperparameters: Hyperparameters of PPO.
-    """
-
-    plant: DynamicsSpec
-    seed: int = 0
-    frames: int = 2_000_000
-    hyperparameters: Hyperparameters = field(default_factory=Hyperparameters)
+    plant: DynamicsSpec  # dynamics on which the policy trains
+    seed: int = 0  # seed of weights, episodes and exploration
+    frames: int = 2_000_000  # control steps of the training, rounded up to whole rollouts
+    hyperparameters: Hyperparameters = field(default_factory=Hyperparameters)  # hyperparameters of PPO
 
     @property
     def rollouts(self) -> int:

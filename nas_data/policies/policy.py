@@ -35,36 +35,22 @@ class PlantModel:
 
 @dataclass(frozen=True)
 class TrainedPlant:
-    """Dynamics that a policy was trained on.
+    """Dynamics that a policy was trained on."""
 
-    Attributes:
-        environment: Name of the environment.
-        dynamics: Name of its dynamics.
-        model: Learned model; None if there is none.
-        retuned: Factors of base parameters by name; None without named effects.
-    """
-
-    environment: str
-    dynamics: str = ""
-    model: PlantModel | None = None
-    retuned: Mapping[str, float] | None = None
+    environment: str  # name of the environment
+    dynamics: str = ""  # name of its dynamics
+    model: PlantModel | None = None  # learned model; None if there is none
+    retuned: Mapping[str, float] | None = None  # factors of base parameters by name; None without named effects
 
 
 @dataclass(frozen=True)
 class PolicyConfig:
-    """What is read of a policy's `config.json`.
+    """What is read of a policy's `config.json`."""
 
-    Attributes:
-        plant: Dynamics of the training.
-        seed: Seed of the training.
-        frames: Its control steps.
-        hyperparameters: Its hyperparameters; None if the file has none.
-    """
-
-    plant: TrainedPlant
-    seed: int = 0
-    frames: int = 0
-    hyperparameters: Hyperparameters | None = None
+    plant: TrainedPlant  # dynamics of the training
+    seed: int = 0  # seed of the training
+    frames: int = 0  # its control steps
+    hyperparameters: Hyperparameters | None = None  # its hyperparameters; None if the file has none
 
     @classmethod
     def read(cls, folder: Path) -> "PolicyConfig":
@@ -81,14 +67,10 @@ class PolicyConfig:
 
 @dataclass(frozen=True)
 class Policy:
-    """A policy: mean actions of an actor with tanh layers, with frozen observation statistics.
+    """A policy: mean actions of an actor with tanh layers, with frozen observation statistics."""
 
-    Attributes:
-        config: Settings of its training.
-        tensors: Weights of actor and critic under stable-baselines3's names, and the observation statistics.
-    """
-
-    config: PolicyConfig
+    config: PolicyConfig  # settings of its training
+    # weights of actor and critic under stable-baselines3's names, and the observation statistics
     tensors: Mapping[str, np.ndarray]
 
     def act(self, observations: np.ndarray) -> np.ndarray:

@@ -13,23 +13,14 @@ RESULT = "result.json"
 
 @dataclass(frozen=True)
 class PolicyScore:
-    """Score over the episodes of an evaluation.
-
-    Attributes:
-        mean_return: Mean return.
-        return_median: Median return.
-        success_rate: Share of episodes that reached the goal.
-        mean_length: Mean number of control steps.
-        diverged: Number of episodes that ended because the simulation diverged.
-        episodes: Number of episodes.
-    """
+    """Score over the episodes of an evaluation."""
 
     mean_return: float = field(metadata={"key": "return"})
-    return_median: float
-    success_rate: float
-    mean_length: float
-    diverged: int
-    episodes: int
+    return_median: float  # median return
+    success_rate: float  # share of episodes that reached the goal
+    mean_length: float  # mean number of control steps
+    diverged: int  # number of episodes that ended because the simulation diverged
+    episodes: int  # number of episodes
 
 
 @dataclass(frozen=True)
@@ -50,27 +41,16 @@ class DivergedEpisodes:
 
 @dataclass(frozen=True)
 class PolicyResult:
-    """Result of one method with one seed.
+    """Result of one method with one seed."""
 
-    Attributes:
-        question: What the result depends on; see `Run.question`.
-        circumstances: Versions, commit and files behind it.
-        score: Score on the target.
-        returns: Return of each episode.
-        wall_seconds: Wall time of the training [s].
-        cpu_seconds: Processor time of the training [s].
-        judging: Time of the evaluation.
-        diverged: Diverged episodes.
-    """
-
-    question: Mapping[str, object]
-    circumstances: Mapping[str, object]
-    score: PolicyScore
-    returns: tuple[float, ...]
-    wall_seconds: float
-    cpu_seconds: float
-    judging: EvaluationTime
-    diverged: DivergedEpisodes
+    question: Mapping[str, object]  # what the result depends on; see `Run.question`
+    circumstances: Mapping[str, object]  # versions, commit and files behind it
+    score: PolicyScore  # score on the target
+    returns: tuple[float, ...]  # return of each episode
+    wall_seconds: float  # wall time of the training [s]
+    cpu_seconds: float  # processor time of the training [s]
+    judging: EvaluationTime  # time of the evaluation
+    diverged: DivergedEpisodes  # diverged episodes
 
     def write(self, folder: Path) -> None:
         """Write the result into the folder of the policy."""

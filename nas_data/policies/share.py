@@ -11,22 +11,15 @@ NOTHING = 1e-9  # least relative advantage of the expert for which the score is 
 
 @dataclass(frozen=True)
 class Share:
-    """Share of the difference between the source's and the expert's returns.
+    """Share of the difference between the source's and the expert's returns."""
 
-    Attributes:
-        value: (median of method − median of source) / (median of expert − median of source); NaN if the
-            expert is not better than the source.
-        low: Lower end of the bootstrap interval over seeds; see `describe_bootstrap`.
-        high: Upper end.
-        at_stake: Median of expert − median of source, in return.
-        seeds: Number of seeds of the method.
-    """
-
+    # (median of method − median of source) / (median of expert − median of source); NaN if the expert is not better
+    # than the source
     value: float
-    low: float
-    high: float
-    at_stake: float
-    seeds: int
+    low: float  # lower end of the bootstrap interval over seeds; see `describe_bootstrap`
+    high: float  # upper end
+    at_stake: float  # median of expert − median of source, in return
+    seeds: int  # number of seeds of the method
 
     def __str__(self) -> str:
         """Return the share in per cent, with its interval unless all resamples are equal, as for a single seed."""
@@ -72,21 +65,13 @@ def format_share_heading(seeds: int) -> str:
 
 @dataclass(frozen=True)
 class ReturnRange:
-    """Difference of the expert's and the source's returns, by medians over seeds.
+    """Difference of the expert's and the source's returns, by medians over seeds."""
 
-    Attributes:
-        value: Median of expert − median of source.
-        low: Lower end of its bootstrap interval over seeds; equal to the value for a single seed.
-        high: Upper end.
-        seeds: Number of seeds of each.
-        shown: Whether the whole interval is above zero.
-    """
-
-    value: float
-    low: float
-    high: float
-    seeds: int
-    shown: bool
+    value: float  # median of expert − median of source
+    low: float  # lower end of its bootstrap interval over seeds; equal to the value for a single seed
+    high: float  # upper end
+    seeds: int  # number of seeds of each
+    shown: bool  # whether the whole interval is above zero
 
     def sentence(self) -> str | None:
         """Return a sentence if expert and source score the same; None otherwise."""

@@ -17,19 +17,12 @@ TITLES = {"open_loop": "open loop", "one_step": "one step"}
 
 @dataclass(frozen=True)
 class AblationCurve:
-    """Errors of one predictor over K amounts of data.
+    """Errors of one predictor over K amounts of data."""
 
-    Attributes:
-        amounts: Shape (K,).
-        low: Smallest error of the seeds [rad], shape (K,); infinite where it diverged.
-        median: Their median [rad], shape (K,).
-        high: Largest [rad], shape (K,).
-    """
-
-    amounts: np.ndarray
-    low: np.ndarray
-    median: np.ndarray
-    high: np.ndarray
+    amounts: np.ndarray  # shape (K,)
+    low: np.ndarray  # smallest error of the seeds [rad], shape (K,); infinite where it diverged
+    median: np.ndarray  # their median [rad], shape (K,)
+    high: np.ndarray  # largest [rad], shape (K,)
 
 
 def draw_error_over_amount(

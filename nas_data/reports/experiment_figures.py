@@ -19,19 +19,12 @@ STRAY = 3.0  # times the span of the medians: what lies further off is drawn at 
 
 @dataclass(frozen=True)
 class Panel:
-    """Returns on one environment.
+    """Returns on one environment."""
 
-    Attributes:
-        title: Its name.
-        returns: Of each method, one number a seed.
-        intervals: Of each method, the interval of the median.
-        authors: What the authors found, of those methods that they have.
-    """
-
-    title: str
-    returns: Mapping[str, np.ndarray]
-    intervals: Mapping[str, Interval]
-    authors: Mapping[str, Sequence[float]]
+    title: str  # its name
+    returns: Mapping[str, np.ndarray]  # of each method, one number a seed
+    intervals: Mapping[str, Interval]  # of each method, the interval of the median
+    authors: Mapping[str, Sequence[float]]  # what the authors found, of those methods that they have
 
 
 def draw_returns_by_method(panels: Sequence[Panel], label: str, quick: bool) -> Figure:

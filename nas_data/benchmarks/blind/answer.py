@@ -10,22 +10,14 @@ from nas_data.benchmarks.blind.truth import Base
 
 @dataclass(frozen=True)
 class HiddenEntry:
-    """A hidden effect.
+    """A hidden effect."""
 
-    Attributes:
-        effect: Its name.
-        joint: Its joint; None for the whole arm.
-        parameters: Parameter → value.
-        mark: RMS change of the position, as a multiple of the noise floor.
-        marked_joint: Joint on which the mark was measured.
-        equals: Other names that no recording could distinguish from it; None if there are none.
-    """
-
-    effect: str
-    joint: str | None
-    parameters: Mapping[str, float]
-    mark: float
-    marked_joint: str
+    effect: str  # its name
+    joint: str | None  # its joint; None for the whole arm
+    parameters: Mapping[str, float]  # parameter → value
+    mark: float  # RMS change of the position, as a multiple of the noise floor
+    marked_joint: str  # joint on which the mark was measured
+    # other names that no recording could distinguish from it; None if there are none
     equals: tuple[Name, ...] | None = field(default=None, metadata={"optional": True})
 
     @property
@@ -36,28 +28,18 @@ class HiddenEntry:
 
 @dataclass(frozen=True)
 class SealedAnswer:
-    """Everything that a workflow is not given.
+    """Everything that a workflow is not given."""
 
-    Attributes:
-        case: Name of the case; the following six entries are those of its `Identity`.
-        arm: Name of the arm.
-        joints: Names of its joints.
-        excitation: Name of the command signal.
-        conditions: Conditions of the recording.
-        effects: Hidden effects.
-        base: Factors on the model's own parameters.
-    """
-
-    case: str
+    case: str  # name of the case; the following six entries are those of its `Identity`
     family: str
     plant: str
     number: int
     seed: int
     faint: bool
     setting: str
-    arm: str
-    joints: tuple[str, ...]
-    excitation: str
-    conditions: Conditions
-    effects: tuple[HiddenEntry, ...]
-    base: Base
+    arm: str  # name of the arm
+    joints: tuple[str, ...]  # names of its joints
+    excitation: str  # name of the command signal
+    conditions: Conditions  # conditions of the recording
+    effects: tuple[HiddenEntry, ...]  # hidden effects
+    base: Base  # factors on the model's own parameters

@@ -20,17 +20,11 @@ WIDTH = 0.024  # [m] of a link's box, that of an XL-320
 
 @dataclass(frozen=True)
 class NominalArm:
-    """A nominal arm.
+    """A nominal arm."""
 
-    Attributes:
-        name: What it is called in the dataset.
-        xml: Plain MJCF: serial, no contacts, no joint limits, a servo or motor and a sensor `<joint>.pos` each.
-        joints: Names from the base on.
-    """
-
-    name: str
-    xml: str
-    joints: tuple[str, ...]
+    name: str  # what it is called in the dataset
+    xml: str  # plain MJCF: serial, no contacts, no joint limits, a servo or motor and a sensor `<joint>.pos` each
+    joints: tuple[str, ...]  # names from the base on
 
     def spec(self) -> mujoco.MjSpec:
         """Return a fresh, editable model."""

@@ -20,27 +20,16 @@ RESULTS, FOLDERS = "results", "cases"
 
 @dataclass(frozen=True)
 class BlindPlan:
-    """What is run.
+    """What is run."""
 
-    Attributes:
-        families: Families of cases.
-        plants: Plants that play them.
-        cases: Cases of each family on each plant.
-        seed: Master seed.
-        faint: Whether effects too small to be named may hide, for the power curve.
-        baselines: Methods that are given the same cases.
-        keep: Whether the datasets stay.
-        setting: What the cases look like.
-    """
-
-    families: tuple[str, ...]
-    plants: tuple[str, ...]
-    cases: int
-    seed: int
-    faint: bool = False
-    baselines: tuple[str, ...] = ()
-    keep: bool = False
-    setting: str = DEFAULT
+    families: tuple[str, ...]  # families of cases
+    plants: tuple[str, ...]  # plants that play them
+    cases: int  # cases of each family on each plant
+    seed: int  # master seed
+    faint: bool = False  # whether effects too small to be named may hide, for the power curve
+    baselines: tuple[str, ...] = ()  # methods that are given the same cases
+    keep: bool = False  # whether the datasets stay
+    setting: str = DEFAULT  # what the cases look like
 
     def check(self) -> None:
         """Say what is wrong before hours are spent.

@@ -22,23 +22,14 @@ DEFAULT = "xl320"  # setting whose cases are named without it, as they were befo
 
 @dataclass(frozen=True)
 class Identity:
-    """What names a case.
+    """What names a case."""
 
-    Attributes:
-        family: One of `FAMILIES`.
-        plant: What plays it.
-        number: Its number in the family, from zero.
-        seed: Master seed of the benchmark.
-        faint: Whether effects too small to be named may hide, for the power curve.
-        setting: File of `settings/` that draws it.
-    """
-
-    family: str
-    plant: str
-    number: int
-    seed: int
-    faint: bool = False
-    setting: str = DEFAULT
+    family: str  # one of `FAMILIES`
+    plant: str  # what plays it
+    number: int  # its number in the family, from zero
+    seed: int  # master seed of the benchmark
+    faint: bool = False  # whether effects too small to be named may hide, for the power curve
+    setting: str = DEFAULT  # file of `settings/` that draws it
 
     def __post_init__(self) -> None:
         if self.family not in FAMILIES:
@@ -58,22 +49,15 @@ class Identity:
 
 @dataclass(frozen=True)
 class Episodes:
-    """Commands and what the plant did.
+    """Commands and what the plant did."""
 
-    Attributes:
-        commands: Commanded positions [rad] or torques [N m], shape (E, T, n).
-        poses: Commanded before each episode, or where it begins [rad], shape (E, n).
-        positions: Where the links were before the first command and after each [rad], shape (E, T + 1, n).
-        readings: The same as the sensors reported it [rad].
-        speeds: As they were reported [rad/s], shape (E, T + 1, n); None where they are to be differenced.
-        start_speeds: How fast the links were before the first command [rad/s], shape (E, n); None where they rested.
-    """
-
-    commands: np.ndarray
-    poses: np.ndarray
-    positions: np.ndarray
-    readings: np.ndarray
+    commands: np.ndarray  # commanded positions [rad] or torques [N m], shape (E, T, n)
+    poses: np.ndarray  # commanded before each episode, or where it begins [rad], shape (E, n)
+    positions: np.ndarray  # where the links were before the first command and after each [rad], shape (E, T + 1, n)
+    readings: np.ndarray  # the same as the sensors reported it [rad]
+    # as they were reported [rad/s], shape (E, T + 1, n); None where they are to be differenced
     speeds: np.ndarray | None = None
+    # how fast the links were before the first command [rad/s], shape (E, n); None where they rested
     start_speeds: np.ndarray | None = None
 
     @property
@@ -90,27 +74,16 @@ class Episodes:
 
 @dataclass(frozen=True)
 class Case:
-    """A case with its sealed answer.
+    """A case with its sealed answer."""
 
-    Attributes:
-        identity: What names it.
-        arm: Nominal arm.
-        conditions: Under what it was recorded.
-        truth: What hides in the plant.
-        marks: What each hidden effect does to the positions, as a multiple of the noise floor.
-        marked_joints: Joint on which each mark was measured.
-        recorded: Episodes that are handed over.
-        fresh: Episodes that are never handed over.
-    """
-
-    identity: Identity
-    arm: NominalArm
-    conditions: Conditions
-    truth: Truth
-    marks: tuple[float, ...]
-    marked_joints: tuple[str, ...]
-    recorded: Episodes
-    fresh: Episodes
+    identity: Identity  # what names it
+    arm: NominalArm  # nominal arm
+    conditions: Conditions  # under what it was recorded
+    truth: Truth  # what hides in the plant
+    marks: tuple[float, ...]  # what each hidden effect does to the positions, as a multiple of the noise floor
+    marked_joints: tuple[str, ...]  # joint on which each mark was measured
+    recorded: Episodes  # episodes that are handed over
+    fresh: Episodes  # episodes that are never handed over
 
     def answer(self) -> SealedAnswer:
         """Return the sealed answer."""

@@ -10,16 +10,11 @@ from nas_data.benchmarks.blind.truth import Truth
 
 @dataclass(frozen=True)
 class CommandSequence:
-    """Commands of E episodes of n joints.
+    """Commands of E episodes of n joints."""
 
-    Attributes:
-        commands: Positions [rad] or torques [N m], shape (E, T, n).
-        poses: Commanded before each episode, or where it begins [rad], shape (E, n).
-        start_speeds: How fast the links are when it begins [rad/s], shape (E, n); None where they rest.
-    """
-
-    commands: np.ndarray
-    poses: np.ndarray
+    commands: np.ndarray  # positions [rad] or torques [N m], shape (E, T, n)
+    poses: np.ndarray  # commanded before each episode, or where it begins [rad], shape (E, n)
+    # how fast the links are when it begins [rad/s], shape (E, n); None where they rest
     start_speeds: np.ndarray | None = None
 
     def __getitem__(self, episodes: slice) -> "CommandSequence":

@@ -7,18 +7,12 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Sensor:
-    """What a servo reports of its joint.
+    """What a servo reports of its joint."""
 
-    Attributes:
-        noise: Standard deviation of a position before rounding [rad].
-        quantum: Resolution of a position [rad]; 0 for an exact one.
-        floor: What of it counts as the noise floor [rad].
-        speed_noise: Standard deviation of a measured speed [rad/s]; None where speeds are differences of positions.
-    """
-
-    noise: float
-    quantum: float
-    floor: float
+    noise: float  # standard deviation of a position before rounding [rad]
+    quantum: float  # resolution of a position [rad]; 0 for an exact one
+    floor: float  # what of it counts as the noise floor [rad]
+    # standard deviation of a measured speed [rad/s]; None where speeds are differences of positions
     speed_noise: float | None = None
 
     def positions(self, true: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -33,27 +27,17 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Conditions:
-    """What holds for every episode of a case.
+    """What holds for every episode of a case."""
 
-    Attributes:
-        rate: Control rate [Hz].
-        seconds: Length of an episode [s].
-        episodes: How many are handed over.
-        fresh: How many are kept back.
-        settle: For how long the first pose is commanded before an episode begins [s].
-        signal: Name of the command signal.
-        sensor: What the servos report.
-        pieces: Into how many episodes each motion under commanded torques is cut, all of which begin in motion; 0
-            where positions are commanded and episodes begin at rest.
-    """
-
-    rate: float
-    seconds: float
-    episodes: int
-    fresh: int
-    settle: float
-    signal: str
-    sensor: Sensor
+    rate: float  # control rate [Hz]
+    seconds: float  # length of an episode [s]
+    episodes: int  # how many are handed over
+    fresh: int  # how many are kept back
+    settle: float  # for how long the first pose is commanded before an episode begins [s]
+    signal: str  # name of the command signal
+    sensor: Sensor  # what the servos report
+    # into how many episodes each motion under commanded torques is cut, all of which begin in motion; 0 where positions
+    # are commanded and episodes begin at rest
     pieces: int = 0
 
     @property

@@ -13,21 +13,13 @@ SAME = ""  # joint of an alternative that names none: the joint of the effect be
 
 @dataclass(frozen=True)
 class ReportedEffect:
-    """One claimed effect.
+    """One claimed effect."""
 
-    Attributes:
-        name: Effect and joint.
-        parameters: Parameter → value.
-        intervals: Parameter → its 95 % interval, if one is given.
-        confidence: Between 0 and 1.
-        alternatives: Effects listed beside it.
-    """
-
-    name: Name
-    parameters: Mapping[str, float]
-    intervals: Mapping[str, tuple[float, float]]
-    confidence: float
-    alternatives: tuple[Name, ...]
+    name: Name  # effect and joint
+    parameters: Mapping[str, float]  # parameter → value
+    intervals: Mapping[str, tuple[float, float]]  # parameter → its 95 % interval, if one is given
+    confidence: float  # between 0 and 1
+    alternatives: tuple[Name, ...]  # effects listed beside it
 
 
 @dataclass(frozen=True)

@@ -17,51 +17,32 @@ Predict = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 @dataclass(frozen=True, kw_only=True)
 class FreshErrors:
-    """Errors of a prediction of the fresh episodes, RMSE [rad].
+    """Errors of a prediction of the fresh episodes, RMSE [rad]."""
 
-    Attributes:
-        floor: Of a perfect prediction.
-        after: Of the prediction; None where it left all bounds, or nothing could be predicted.
-    """
-
-    floor: float
-    after: float | None
+    floor: float  # of a perfect prediction
+    after: float | None  # of the prediction; None where it left all bounds, or nothing could be predicted
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModelErrors(FreshErrors):
-    """Errors of a delivered model, and of others beside it.
+    """Errors of a delivered model, and of others beside it."""
 
-    Attributes:
-        before: Of the nominal model; None where it left all bounds.
-        fault: Why the delivered model cannot be used; None if it can.
-        least: Of who knows the answer; None where no model file says it.
-    """
-
-    before: float | None
+    before: float | None  # of the nominal model; None where it left all bounds
+    # why the delivered model cannot be used; None if it can
     fault: str | None = field(default=None, metadata={"optional": True})
-    least: float | None = None
+    least: float | None = None  # of who knows the answer; None where no model file says it
 
 
 @dataclass(frozen=True)
 class Fresh:
-    """Episodes that were kept back.
+    """Episodes that were kept back."""
 
-    Attributes:
-        joints: Names of the measured joints.
-        rate: Control rate [Hz].
-        commands: [rad, N m], shape (E, T, n).
-        positions: True positions [rad], shape (E, T + 1, n).
-        readings: The same with noise and rounding.
-        starts: Where a prediction starts, positions [rad] then speeds [rad/s], shape (E, 2n).
-    """
-
-    joints: tuple[str, ...]
-    rate: float
-    commands: np.ndarray
-    positions: np.ndarray
-    readings: np.ndarray
-    starts: np.ndarray
+    joints: tuple[str, ...]  # names of the measured joints
+    rate: float  # control rate [Hz]
+    commands: np.ndarray  # [rad, N m], shape (E, T, n)
+    positions: np.ndarray  # True positions [rad], shape (E, T + 1, n)
+    readings: np.ndarray  # the same with noise and rounding
+    starts: np.ndarray  # where a prediction starts, positions [rad] then speeds [rad/s], shape (E, 2n)
 
     @classmethod
     def load(cls, folder: Path, joints: tuple[str, ...]) -> "Fresh":

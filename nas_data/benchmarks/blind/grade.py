@@ -20,27 +20,16 @@ RIGHT_VERDICTS = {
 
 @dataclass(frozen=True)
 class NamesGrade:
-    """Named effects compared with the hidden ones.
+    """Named effects compared with the hidden ones."""
 
-    Attributes:
-        exact: Whether they are the same.
-        missing: Hidden effects that are not named.
-        extra: Named effects that are not hidden.
-        wrong_joint: Extra names whose effect is hidden in another joint.
-        listed_beside: Missing names that are listed as alternatives.
-        abstained: Whether nothing is named although something is hidden.
-        confident_wrong: Whether a wrong name has a high confidence.
-        confident_wrong_without_the_true_one_beside: The same, without a missing name among its alternatives.
-    """
-
-    exact: bool
-    missing: tuple[Name, ...]
-    extra: tuple[Name, ...]
-    wrong_joint: tuple[Name, ...]
-    listed_beside: tuple[Name, ...]
-    abstained: bool
-    confident_wrong: bool
-    confident_wrong_without_the_true_one_beside: bool
+    exact: bool  # whether they are the same
+    missing: tuple[Name, ...]  # hidden effects that are not named
+    extra: tuple[Name, ...]  # named effects that are not hidden
+    wrong_joint: tuple[Name, ...]  # extra names whose effect is hidden in another joint
+    listed_beside: tuple[Name, ...]  # missing names that are listed as alternatives
+    abstained: bool  # whether nothing is named although something is hidden
+    confident_wrong: bool  # whether a wrong name has a high confidence
+    confident_wrong_without_the_true_one_beside: bool  # the same, without a missing name among its alternatives
 
 
 @dataclass(frozen=True)
@@ -66,27 +55,17 @@ class ParameterGrade:
 
 @dataclass(frozen=True)
 class CaseGrade(NamesGrade):
-    """Grade of a report.
+    """Grade of a report."""
 
-    Attributes:
-        true: Hidden effects.
-        named: Named effects.
-        marks: Mark of each hidden effect.
-        verdict: Verdict of the report.
-        verdict_right: Whether the verdict is right.
-        confidences: Confidence of each finding.
-        parameters: Parameters of the effects that are named rightly.
-        unexplained_joint_named: Whether the report marks the joint of an effect outside the catalogue as unexplained;
-            None if there is no such effect.
-    """
-
-    true: tuple[Name, ...]
-    named: tuple[Name, ...]
-    marks: tuple[float, ...]
-    verdict: str | None
-    verdict_right: bool
-    confidences: tuple[ConfidenceGrade, ...]
-    parameters: tuple[ParameterGrade, ...]
+    true: tuple[Name, ...]  # hidden effects
+    named: tuple[Name, ...]  # named effects
+    marks: tuple[float, ...]  # mark of each hidden effect
+    verdict: str | None  # verdict of the report
+    verdict_right: bool  # whether the verdict is right
+    confidences: tuple[ConfidenceGrade, ...]  # confidence of each finding
+    parameters: tuple[ParameterGrade, ...]  # parameters of the effects that are named rightly
+    # whether the report marks the joint of an effect outside the catalogue as unexplained; None if there is no such
+    # effect
     unexplained_joint_named: bool | None
 
 

@@ -8,57 +8,34 @@ GRAVITY = 9.81  # [m/s²]
 
 @dataclass(frozen=True)
 class Link:
-    """A link and the joint that carries it, as MJCF has them.
+    """A link and the joint that carries it, as MJCF has them."""
 
-    Attributes:
-        place: Of its joint in the link before [m].
-        axis: Of its joint.
-        geom: Attributes of its shape: type, size [m], place of its centre [m], mass [kg].
-        sliding: Whether its joint slides rather than turns.
-    """
-
-    place: str
-    axis: str
-    geom: str
-    sliding: bool = False
+    place: str  # of its joint in the link before [m]
+    axis: str  # of its joint
+    geom: str  # attributes of its shape: type, size [m], place of its centre [m], mass [kg]
+    sliding: bool = False  # whether its joint slides rather than turns
 
 
 @dataclass(frozen=True)
 class JointDrive:
-    """A joint's drive.
+    """A joint's drive."""
 
-    Attributes:
-        gain: Position gain [N m/rad].
-        own: Damping of the servo's own, within its saturation [N m s/rad].
-        limit: Largest torque [N m].
-        armature: Reflected inertia [kg m²].
-        damping: Of the joint [N m s/rad].
-        friction: Coulomb friction [N m].
-    """
-
-    gain: float
-    own: float
-    limit: float
-    armature: float
-    damping: float
-    friction: float
+    gain: float  # position gain [N m/rad]
+    own: float  # damping of the servo's own, within its saturation [N m s/rad]
+    limit: float  # largest torque [N m]
+    armature: float  # reflected inertia [kg m²]
+    damping: float  # of the joint [N m s/rad]
+    friction: float  # Coulomb friction [N m]
 
 
 @dataclass(frozen=True)
 class Style:
-    """How a model is written.
+    """How a model is written."""
 
-    Attributes:
-        timestep: [s].
-        integrator: MuJoCo's word.
-        spelling: `position`, `general` or, for torques, `motor`.
-        control: Commanded positions' half range [rad]; None for no range.
-    """
-
-    timestep: float
-    integrator: str
-    spelling: str
-    control: float | None
+    timestep: float  # [s]
+    integrator: str  # MuJoCo's word
+    spelling: str  # `position`, `general` or, for torques, `motor`
+    control: float | None  # commanded positions' half range [rad]; None for no range
 
 
 def to_mjcf(joints: Sequence[str], links: Sequence[Link], servos: Sequence[JointDrive], style: Style) -> str:

@@ -10,19 +10,12 @@ from nas_data.dataset.read import read
 
 @dataclass(frozen=True)
 class RecordedCase:
-    """Episodes of a dataset.
+    """Episodes of a dataset."""
 
-    Attributes:
-        joints: Names of the measured joints.
-        rate: Control rate [Hz].
-        commands: [rad, N m], shape (E, T, n).
-        states: Positions [rad] then velocities [rad/s] before each command and after the last, (E, T + 1, 2n).
-    """
-
-    joints: tuple[str, ...]
-    rate: float
-    commands: np.ndarray
-    states: np.ndarray
+    joints: tuple[str, ...]  # names of the measured joints
+    rate: float  # control rate [Hz]
+    commands: np.ndarray  # [rad, N m], shape (E, T, n)
+    states: np.ndarray  # positions [rad] then velocities [rad/s] before each command and after the last, (E, T + 1, 2n)
 
     @classmethod
     def load(cls, folder: Path) -> "RecordedCase":

@@ -17,23 +17,15 @@ SENSOR = ".pos"
 
 @dataclass(frozen=True)
 class Delivered:
-    """A model as it was delivered.
+    """A model as it was delivered."""
 
-    Attributes:
-        model: Compiled.
-        rate: Control rate [Hz].
-        actuators: Index of each joint's actuator.
-        sensors: Where each joint's measured position lies among the sensors.
-        rests: Places in `qpos` that start at the first measured position: the joint's, and what its servo drives.
-        moving: Place in `qvel` of each joint.
-    """
-
-    model: mujoco.MjModel
-    rate: float
-    actuators: tuple[int, ...]
-    sensors: tuple[int, ...]
+    model: mujoco.MjModel  # compiled
+    rate: float  # control rate [Hz]
+    actuators: tuple[int, ...]  # index of each joint's actuator
+    sensors: tuple[int, ...]  # where each joint's measured position lies among the sensors
+    # places in `qpos` that start at the first measured position: the joint's, and what its servo drives
     rests: tuple[tuple[int, ...], ...]
-    moving: tuple[int, ...]
+    moving: tuple[int, ...]  # place in `qvel` of each joint
 
     @classmethod
     def load(cls, file: Path, joints: Sequence[str], actuators: Sequence[str], rate: float) -> "Delivered":

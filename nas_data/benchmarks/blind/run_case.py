@@ -30,17 +30,11 @@ FOUND = "found"  # the workflow's folder within a case's
 
 @dataclass(frozen=True)
 class Judge:
-    """How cases are judged.
+    """How cases are judged."""
 
-    Attributes:
-        investigate: The workflow under test.
-        baselines: Names of the baselines that are given the same.
-        keep: Whether the datasets stay.
-    """
-
-    investigate: Investigate
-    baselines: tuple[str, ...] = ()
-    keep: bool = False
+    investigate: Investigate  # the workflow under test
+    baselines: tuple[str, ...] = ()  # names of the baselines that are given the same
+    keep: bool = False  # whether the datasets stay
 
     def is_done(self, record: CaseRecord) -> bool:
         """Whether a record holds all that is asked for."""

@@ -29,17 +29,13 @@ Group = tuple[Hidden, ...]  # one effect, in one place or in every joint
 
 @dataclass(frozen=True)
 class EffectSizes:
-    """Size of each hidden effect in the positions, from simulations with and without it.
+    """Size of each hidden effect in the positions, from simulations with and without it."""
 
-    Attributes:
-        values: RMS change of the position over all episodes, as a multiple of the noise floor, one for each effect.
-        joints: Joint of each value: the effect's own, or the one with the largest change for effects of the whole arm.
-        states: Simulation with all effects, positions [rad] then velocities [rad/s], shape (E, T + 1, 2n).
-    """
-
+    # RMS change of the position over all episodes, as a multiple of the noise floor, one for each effect
     values: tuple[float, ...]
+    # joint of each value: the effect's own, or the one with the largest change for effects of the whole arm
     joints: tuple[str, ...]
-    states: np.ndarray
+    states: np.ndarray  # simulation with all effects, positions [rad] then velocities [rad/s], shape (E, T + 1, 2n)
 
 
 class EffectSampler:

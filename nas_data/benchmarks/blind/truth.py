@@ -10,34 +10,21 @@ BASE_SHARE = 0.1  # half range of the factors on the model's own parameters: DES
 
 @dataclass(frozen=True)
 class Hidden:
-    """One hidden effect.
+    """One hidden effect."""
 
-    Attributes:
-        effect: Its name, as the contract's table has it, or one of those outside the table.
-        joint: Joint that it sits in; None where it belongs to the whole arm.
-        parameters: Values in the units of the table.
-    """
-
-    effect: str
-    joint: str | None
-    parameters: Mapping[str, float]
+    effect: str  # its name, as the contract's table has it, or one of those outside the table
+    joint: str | None  # joint that it sits in; None where it belongs to the whole arm
+    parameters: Mapping[str, float]  # values in the units of the table
 
 
 @dataclass(frozen=True)
 class Base:
-    """Factors on the parameters that the model has, one a link or joint.
+    """Factors on the parameters that the model has, one a link or joint."""
 
-    Attributes:
-        mass: On mass and inertia of each moving link.
-        damping: On joint damping and the servo's own, together.
-        armature: On the rotors' reflected inertia.
-        stiffness: On the position gains.
-    """
-
-    mass: tuple[float, ...]
-    damping: tuple[float, ...]
-    armature: tuple[float, ...]
-    stiffness: tuple[float, ...]
+    mass: tuple[float, ...]  # on mass and inertia of each moving link
+    damping: tuple[float, ...]  # on joint damping and the servo's own, together
+    armature: tuple[float, ...]  # on the rotors' reflected inertia
+    stiffness: tuple[float, ...]  # on the position gains
 
     @classmethod
     def nominal(cls, joints: int) -> "Base":
@@ -54,15 +41,10 @@ class Base:
 
 @dataclass(frozen=True)
 class Truth:
-    """Everything in which a plant differs from its nominal model.
+    """Everything in which a plant differs from its nominal model."""
 
-    Attributes:
-        base: Factors on the model's own parameters.
-        hidden: Effects that the model lacks.
-    """
-
-    base: Base
-    hidden: tuple[Hidden, ...] = ()
+    base: Base  # factors on the model's own parameters
+    hidden: tuple[Hidden, ...] = ()  # effects that the model lacks
 
     def without(self, index: int) -> "Truth":
         """Return the truth with one hidden effect taken away."""

@@ -17,36 +17,22 @@ SMALLEST_LOAD = 1e-4  # [N·m] smallest difference between light and heavy postu
 
 @dataclass(frozen=True)
 class ConditionInputs:
-    """Input of conditions.
+    """Input of conditions."""
 
-    Attributes:
-        recorded: Rows of E episodes, T rows, n joints.
-        loads: The model's torques in these rows.
-        nominal: Model.
-        floor: Noise floor [rad; m], shape (n,).
-    """
-
-    recorded: RecordedRows
-    loads: Loads
-    nominal: Nominal
-    floor: np.ndarray
+    recorded: RecordedRows  # rows of E episodes, T rows, n joints
+    loads: Loads  # the model's torques in these rows
+    nominal: Nominal  # model
+    floor: np.ndarray  # noise floor [rad; m], shape (n,)
 
 
 @dataclass(frozen=True)
 class Condition:
-    """A division of the rows into bins.
+    """A division of the rows into bins."""
 
-    Attributes:
-        name: Name of the condition.
-        bins: Names of the bins.
-        labels: Index of each row's bin, −1 for none, shape (E, T, n).
-        whole_episodes: Whether all rows of an episode are in one bin.
-    """
-
-    name: str
-    bins: tuple[str, ...]
-    labels: np.ndarray
-    whole_episodes: bool = False
+    name: str  # name of the condition
+    bins: tuple[str, ...]  # names of the bins
+    labels: np.ndarray  # index of each row's bin, −1 for none, shape (E, T, n)
+    whole_episodes: bool = False  # whether all rows of an episode are in one bin
 
 
 def list_conditions(setting: ConditionInputs) -> tuple[Condition, ...]:

@@ -15,17 +15,11 @@ AT_LIMIT = 1 - 1e-6  # share of the limit above which a servo is saturated
 
 @dataclass(frozen=True)
 class Loads:
-    """Torques of n joints in E episodes of up to T rows.
+    """Torques of n joints in E episodes of up to T rows."""
 
-    Attributes:
-        posture: Gravity and Coriolis torque of each joint [N·m; N], shape (E, T, n).
-        saturated: Whether the model's actuator is at its limit, shape (E, T, n).
-        limited: Whether a joint's actuator has a limit, shape (n,).
-    """
-
-    posture: np.ndarray
-    saturated: np.ndarray
-    limited: np.ndarray
+    posture: np.ndarray  # gravity and Coriolis torque of each joint [N·m; N], shape (E, T, n)
+    saturated: np.ndarray  # whether the model's actuator is at its limit, shape (E, T, n)
+    limited: np.ndarray  # whether a joint's actuator has a limit, shape (n,)
 
 
 def find_loads(nominal: Nominal, recorded: RecordedRows) -> Loads:

@@ -20,36 +20,21 @@ class Series:
 
     Errors over joints are those of the first kind, hinges if there are any, because radians and metres have no common
     mean.
-
-    Attributes:
-        time: Time since the start of an episode [s], shape (T,).
-        joints: Names.
-        episodes: Numbers in the dataset, shape (E,).
-        measured: Measured positions, shape (E, T, n).
-        command: Positions [rad; m] or torques [N·m; N], shape (E, T, n).
-        before: Given model.
-        retuned: Model's own parameters fitted, no effects.
-        after: Written model.
-        plain: Plain fit; None in older reports.
-        placebo: Runner-up in place of the name; None without one.
-        counts: Whether a row was recorded, shape (E, T).
-        floor: Noise floor, shape (n,).
-        slides: Names of the slides.
     """
 
-    time: np.ndarray
-    joints: tuple[str, ...]
-    episodes: np.ndarray
-    measured: np.ndarray
-    command: np.ndarray
-    before: np.ndarray
-    retuned: np.ndarray
-    after: np.ndarray
-    counts: np.ndarray
-    floor: np.ndarray
-    placebo: np.ndarray | None = None
-    plain: np.ndarray | None = None
-    slides: tuple[str, ...] = ()
+    time: np.ndarray  # time since the start of an episode [s], shape (T,)
+    joints: tuple[str, ...]  # names
+    episodes: np.ndarray  # numbers in the dataset, shape (E,)
+    measured: np.ndarray  # measured positions, shape (E, T, n)
+    command: np.ndarray  # positions [rad; m] or torques [N·m; N], shape (E, T, n)
+    before: np.ndarray  # given model
+    retuned: np.ndarray  # Model's own parameters fitted, no effects
+    after: np.ndarray  # written model
+    counts: np.ndarray  # whether a row was recorded, shape (E, T)
+    floor: np.ndarray  # noise floor, shape (n,)
+    placebo: np.ndarray | None = None  # Runner-up in place of the name; None without one
+    plain: np.ndarray | None = None  # plain fit; None in older reports
+    slides: tuple[str, ...] = ()  # names of the slides
 
     @property
     def period(self) -> float:

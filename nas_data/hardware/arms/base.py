@@ -13,40 +13,24 @@ Registers = Mapping[str, Mapping[str, int]]  # by joint, then by the register's 
 
 @dataclass(frozen=True)
 class Reading:
-    """The state of the arm at one moment.
+    """The state of the arm at one moment."""
 
-    Attributes:
-        time: Monotonic time, midway between request and last reply [s].
-        positions: [rad], shape (n,).
-        velocities: [rad/s], shape (n,).
-        loads: Shares of the largest torque, shape (n,).
-        raw: Replies of the servos, as bytes.
-        alerts: IDs of servos with a hardware error.
-        goals: Active commands [rad], shape (n,); None if the servos do not report them.
-    """
-
-    time: float
-    positions: np.ndarray
-    velocities: np.ndarray
-    loads: np.ndarray
-    raw: bytes
-    alerts: tuple[int, ...]
-    goals: np.ndarray | None = None
+    time: float  # monotonic time, midway between request and last reply [s]
+    positions: np.ndarray  # [rad], shape (n,)
+    velocities: np.ndarray  # [rad/s], shape (n,)
+    loads: np.ndarray  # shares of the largest torque, shape (n,)
+    raw: bytes  # replies of the servos, as bytes
+    alerts: tuple[int, ...]  # IDs of servos with a hardware error
+    goals: np.ndarray | None = None  # active commands [rad], shape (n,); None if the servos do not report them
 
 
 @dataclass(frozen=True)
 class Health:
-    """Health of one servo.
+    """Health of one servo."""
 
-    Attributes:
-        voltage: Supply voltage [V].
-        temperature: Internal temperature [°C].
-        errors: Bits of the hardware error register.
-    """
-
-    voltage: float
-    temperature: int
-    errors: int
+    voltage: float  # supply voltage [V]
+    temperature: int  # internal temperature [°C]
+    errors: int  # bits of the hardware error register
 
 
 class Arm(Stoppable, Protocol):

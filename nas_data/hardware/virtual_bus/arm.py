@@ -23,23 +23,14 @@ STEP = 0.002  # [s] least simulation step of an arm
 
 @dataclass(frozen=True, kw_only=True)
 class MountedServo:
-    """A mounted and calibrated servo.
+    """A mounted and calibrated servo."""
 
-    Attributes:
-        joint: Name of its joint.
-        kind: Its series, a file of `kinds/`.
-        id: Its ID.
-        zero: Encoder count at the joint's zero.
-        sign: 1 if the joint turns with the servo, −1 otherwise.
-        registers: Register values that differ from the factory settings, by name.
-    """
-
-    joint: str
-    kind: str
+    joint: str  # name of its joint
+    kind: str  # its series, a file of `kinds/`
     id: int
-    zero: float
-    sign: int
-    registers: dict[str, int]
+    zero: float  # encoder count at the joint's zero
+    sign: int  # 1 if the joint turns with the servo, −1 otherwise
+    registers: dict[str, int]  # register values that differ from the factory settings, by name
 
     def servo(self) -> VirtualServo:
         """Create the servo with these registers."""
@@ -52,17 +43,11 @@ class MountedServo:
 
 @dataclass(frozen=True)
 class Encoders:
-    """Conversion between joint positions and encoder counts; see `Mounting`.
+    """Conversion between joint positions and encoder counts; see `Mounting`."""
 
-    Attributes:
-        signs: 1 if a joint turns with its servo, −1 otherwise, shape (n,).
-        zeros: Counts where the joints are at zero, shape (n,).
-        ticks: Angle of a count [rad], shape (n,).
-    """
-
-    signs: np.ndarray
-    zeros: np.ndarray
-    ticks: np.ndarray
+    signs: np.ndarray  # 1 if a joint turns with its servo, −1 otherwise, shape (n,)
+    zeros: np.ndarray  # counts where the joints are at zero, shape (n,)
+    ticks: np.ndarray  # angle of a count [rad], shape (n,)
 
     @classmethod
     def of(cls, mounted: Sequence[MountedServo]) -> Self:

@@ -10,17 +10,11 @@ from nas_data.hardware.xl320.units import DELAY_UNIT
 
 @dataclass(frozen=True)
 class Reply:
-    """An answer on the wire.
+    """An answer on the wire."""
 
-    Attributes:
-        content: Its bytes.
-        pause: Delay after the previous packet [s].
-        together: Whether it starts together with the previous reply, because two servos have one ID.
-    """
-
-    content: bytes
-    pause: float
-    together: bool = False
+    content: bytes  # its bytes
+    pause: float  # delay after the previous packet [s]
+    together: bool = False  # whether it starts together with the previous reply, because two servos have one ID
 
 
 class ServoChain:

@@ -18,21 +18,13 @@ WARMING = 240.0  # [s] thermal time constant
 
 @dataclass
 class Electrics:
-    """Voltages and temperatures of n servos.
+    """Voltages and temperatures of n servos."""
 
-    Attributes:
-        kinds: Series of each servo.
-        air: Ambient temperature [°C].
-        supply: Voltage of each servo without load [V], shape (n,), or one for all.
-        voltage: Voltage of each servo [V], shape (n,), or one for all.
-        temperature: Temperature of each servo [°C], shape (n,).
-    """
-
-    kinds: Sequence[ServoSeries]
-    air: float = 25.0
-    supply: np.ndarray | float = field(init=False)
-    voltage: np.ndarray | float = field(init=False)
-    temperature: np.ndarray = field(init=False)
+    kinds: Sequence[ServoSeries]  # series of each servo
+    air: float = 25.0  # ambient temperature [°C]
+    supply: np.ndarray | float = field(init=False)  # voltage of each servo without load [V], shape (n,), or one for all
+    voltage: np.ndarray | float = field(init=False)  # voltage of each servo [V], shape (n,), or one for all
+    temperature: np.ndarray = field(init=False)  # temperature of each servo [°C], shape (n,)
 
     def __post_init__(self) -> None:
         self.supply = self.voltage = np.array([kind.supply for kind in self.kinds])

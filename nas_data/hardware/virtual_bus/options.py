@@ -21,31 +21,18 @@ from nas_data.hardware.virtual_bus.terminal import Terminal
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Options of a virtual arm, which can be sent to another process as JSON.
+    """Options of a virtual arm, which can be sent to another process as JSON."""
 
-    Attributes:
-        effects: Effects of the arm that its model lacks, in command-line syntax.
-        faults: Faults in command-line syntax.
-        offsets: Mounting offsets of an ErgoJr's horns [ticks]; zero if empty.
-        model: Name or model file of an arm other than the ErgoJr.
-        mounted: Servos of such an arm.
-        lying: Its initial pose [rad], shape (n,).
-        seed: Seed of random faults.
-        wire_delay: Whether replies are delayed by the transmission time of bytes.
-        lockstep: Whether each goal advances the arm by a period, instead of the clock.
-        period: Period in lock-step [s]; by default that of the paper's 100 Hz.
-    """
-
-    effects: tuple[str, ...] = ()
-    faults: tuple[str, ...] = ()
-    offsets: tuple[int, ...] = ()
-    model: str = ""
-    mounted: tuple[MountedServo, ...] = ()
-    lying: tuple[float, ...] = ()
-    seed: int = 0
-    wire_delay: bool = True
-    lockstep: bool = False
-    period: float = 0.01
+    effects: tuple[str, ...] = ()  # effects of the arm that its model lacks, in command-line syntax
+    faults: tuple[str, ...] = ()  # faults in command-line syntax
+    offsets: tuple[int, ...] = ()  # mounting offsets of an ErgoJr's horns [ticks]; zero if empty
+    model: str = ""  # name or model file of an arm other than the ErgoJr
+    mounted: tuple[MountedServo, ...] = ()  # servos of such an arm
+    lying: tuple[float, ...] = ()  # its initial pose [rad], shape (n,)
+    seed: int = 0  # seed of random faults
+    wire_delay: bool = True  # whether replies are delayed by the transmission time of bytes
+    lockstep: bool = False  # whether each goal advances the arm by a period, instead of the clock
+    period: float = 0.01  # period in lock-step [s]; by default that of the paper's 100 Hz
 
     def check(self) -> None:
         """Check the options before a process is started, because errors in that process are not reported well.

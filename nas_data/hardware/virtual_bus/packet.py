@@ -52,19 +52,12 @@ class Error(IntEnum):
 
 @dataclass(frozen=True)
 class Packet:
-    """A decoded packet.
+    """A decoded packet."""
 
-    Attributes:
-        id: ID of the addressee, or of the sender of a status packet.
-        instruction: Instruction; 0x55 for a status packet.
-        parameters: Parameters; those of a status packet begin with its error byte.
-        is_valid: Whether the checksum is correct.
-    """
-
-    id: int
-    instruction: int
-    parameters: bytes = b""
-    is_valid: bool = True
+    id: int  # ID of the addressee, or of the sender of a status packet
+    instruction: int  # instruction; 0x55 for a status packet
+    parameters: bytes = b""  # parameters; those of a status packet begin with its error byte
+    is_valid: bool = True  # whether the checksum is correct
 
     def encode(self) -> bytes:
         """Return the bytes on the wire."""

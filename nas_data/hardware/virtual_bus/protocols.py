@@ -9,21 +9,13 @@ from nas_data.hardware.virtual_bus.packet import PacketReader
 
 @dataclass(frozen=True)
 class PacketProtocol:
-    """A packet protocol.
+    """A packet protocol."""
 
-    Attributes:
-        width: Bytes of an address, and of a length.
-        reader: Creates a reader of packets.
-        status: Returns the bytes of a status packet from ID, error and data.
-        ping_has_model: Whether the reply to a ping contains model and firmware.
-        answers_errors: Whether damaged and unknown instructions are answered.
-    """
-
-    width: int
-    reader: Callable[[], PacketReader]
-    status: Callable[[int, int, bytes], bytes]
-    ping_has_model: bool
-    answers_errors: bool
+    width: int  # bytes of an address, and of a length
+    reader: Callable[[], PacketReader]  # creates a reader of packets
+    status: Callable[[int, int, bytes], bytes]  # returns the bytes of a status packet from ID, error and data
+    ping_has_model: bool  # whether the reply to a ping contains model and firmware
+    answers_errors: bool  # whether damaged and unknown instructions are answered
 
     def number(self, parameters: bytes, index: int) -> int:
         """Return the address (index 0) or the length (index 1) at the start of parameters."""

@@ -239,17 +239,11 @@ class Xl320Arm:
 
 @dataclass(frozen=True, kw_only=True)
 class Xl320:
-    """The driver of an arm of XL-320 servos.
+    """The driver of an arm of XL-320 servos."""
 
-    Attributes:
-        port: Path of the port.
-        joints: Expected joints and servos.
-        configuration: Settings of the servos.
-    """
-
-    port: str
-    joints: Joints
-    configuration: Configuration = field(default_factory=Configuration)
+    port: str  # path of the port
+    joints: Joints  # expected joints and servos
+    configuration: Configuration = field(default_factory=Configuration)  # settings of the servos
 
     @property
     def names(self) -> tuple[str, ...]:

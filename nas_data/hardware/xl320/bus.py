@@ -32,15 +32,10 @@ REASONS = {
 
 @dataclass(frozen=True)
 class Answer:
-    """Reply of a servo.
+    """Reply of a servo."""
 
-    Attributes:
-        data: Bytes that were read.
-        alert: Whether the servo has a hardware error.
-    """
-
-    data: bytes
-    alert: bool
+    data: bytes  # bytes that were read
+    alert: bool  # whether the servo has a hardware error
 
     def register(self, name: str, start: int) -> int:
         """Return a register's value from data that begin at address `start`."""

@@ -11,21 +11,13 @@ FULL = 1023
 
 @dataclass(frozen=True, kw_only=True)
 class Configuration:
-    """Settings that are written to every servo.
+    """Settings that are written to every servo."""
 
-    Attributes:
-        p_gain: Proportional gain in the register's units; 32 at the factory.
-        i_gain: Integral gain.
-        d_gain: Derivative gain.
-        speed: Speed limit [rad/s]; 0 for none. The paper's recordings had 100°/s.
-        torque: Torque limit as a share of the largest torque; Poppy's software uses 0.7.
-    """
-
-    p_gain: int = 32
-    i_gain: int = 0
-    d_gain: int = 0
-    speed: float = 1.745
-    torque: float = 1.0
+    p_gain: int = 32  # proportional gain in the register's units; 32 at the factory
+    i_gain: int = 0  # integral gain
+    d_gain: int = 0  # derivative gain
+    speed: float = 1.745  # speed limit [rad/s]; 0 for none. The paper's recordings had 100°/s.
+    torque: float = 1.0  # torque limit as a share of the largest torque; Poppy's software uses 0.7
 
     def __post_init__(self) -> None:
         for name in ("p_gain", "i_gain", "d_gain"):

@@ -18,25 +18,15 @@ OVERLOAD, OVERHEAT, VOLTAGE = 1, 2, 4  # bits of the registers hardware_error an
 
 @dataclass(frozen=True)
 class ControlTableEntry:
-    """One entry of the control table.
+    """One entry of the control table."""
 
-    Attributes:
-        name: Its name in this package.
-        address: First byte.
-        size: Bytes, little endian.
-        initial: Factory setting.
-        low: Smallest writable value.
-        high: Largest writable value.
-        writable: Whether it can be written.
-    """
-
-    name: str
-    address: int
-    size: int
-    initial: int
-    low: int = 0
-    high: int = 255
-    writable: bool = True
+    name: str  # its name in this package
+    address: int  # first byte
+    size: int  # bytes, little endian
+    initial: int  # factory setting
+    low: int = 0  # smallest writable value
+    high: int = 255  # largest writable value
+    writable: bool = True  # whether it can be written
 
 
 REGISTERS = {

@@ -19,15 +19,10 @@ from nas_data.hardware.xl320.survey import (
 
 @dataclass(frozen=True)
 class Inventory:
-    """Servos and problems of an arm.
+    """Servos and problems of an arm."""
 
-    Attributes:
-        servos: Servos that could be read, in order of their IDs.
-        problems: Problems that prevent use of the arm, one sentence each.
-    """
-
-    servos: tuple[FoundServo, ...]
-    problems: tuple[str, ...]
+    servos: tuple[FoundServo, ...]  # servos that could be read, in order of their IDs
+    problems: tuple[str, ...]  # problems that prevent use of the arm, one sentence each
 
 
 def take_inventory(arm: Xl320Arm) -> Inventory:

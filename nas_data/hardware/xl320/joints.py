@@ -10,22 +10,14 @@ from nas_data.hardware.xl320.units import CENTRE, HIGHEST, LOAD_UNIT, SPEED_UNIT
 
 @dataclass(frozen=True)
 class Joints:
-    """Joints of an arm, one servo each.
+    """Joints of an arm, one servo each."""
 
-    Attributes:
-        names: Names of the joints.
-        ids: IDs of their servos.
-        direct: Whether a joint turns in the direction of its servo.
-        low: Lowest positions [rad].
-        high: Highest positions [rad].
-        offsets: Ticks that are added to a servo's reading, so that the joint's zero is the centre of the range.
-    """
-
-    names: tuple[str, ...]
-    ids: tuple[int, ...]
-    direct: tuple[bool, ...]
-    low: tuple[float, ...]
-    high: tuple[float, ...]
+    names: tuple[str, ...]  # names of the joints
+    ids: tuple[int, ...]  # IDs of their servos
+    direct: tuple[bool, ...]  # whether a joint turns in the direction of its servo
+    low: tuple[float, ...]  # lowest positions [rad]
+    high: tuple[float, ...]  # highest positions [rad]
+    # ticks that are added to a servo's reading, so that the joint's zero is the centre of the range
     offsets: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:

@@ -15,27 +15,16 @@ FAULTS = {OVERLOAD: "overload", OVERHEAT: "overheating", VOLTAGE: "voltage"}
 
 @dataclass(frozen=True)
 class FoundServo:
-    """One servo.
-
-    Attributes:
-        id: Its ID.
-        model: Its model number; 350 is an XL-320.
-        firmware: Version of its firmware.
-        voltage: Supply voltage [V].
-        temperature: Internal temperature [°C].
-        ticks: Position [ticks].
-        torque: Whether its torque is on.
-        errors: Reasons of a shutdown in words; empty without one.
-    """
+    """One servo."""
 
     id: int
-    model: int
-    firmware: int
-    voltage: float
-    temperature: int
-    ticks: int
-    torque: bool
-    errors: tuple[str, ...]
+    model: int  # its model number; 350 is an XL-320
+    firmware: int  # version of its firmware
+    voltage: float  # supply voltage [V]
+    temperature: int  # internal temperature [°C]
+    ticks: int  # position [ticks]
+    torque: bool  # whether its torque is on
+    errors: tuple[str, ...]  # reasons of a shutdown in words; empty without one
 
 
 def read_servo(bus: Bus, identity: int) -> FoundServo:

@@ -29,23 +29,14 @@ SIMULATED = "simulated"
 
 @dataclass(frozen=True, kw_only=True)
 class ArmSetup:
-    """The arms on the table.
+    """The arms on the table."""
 
-    Attributes:
-        attacker: The arm that the policy commands.
-        defender: The second arm; None if the task has none.
-        clock: Clock of the control loop.
-        hits: Source of hits: an input device, or `simulated` for the geometry of the measured poses.
-        missed: Share of simulated hits that are dropped.
-        edges: Whether collision checks include sword and shield against the other arm's body.
-    """
-
-    attacker: Setup
-    defender: Setup | None
-    clock: Clock
-    hits: str = SIMULATED
-    missed: float = 0.0
-    edges: bool = False
+    attacker: Setup  # the arm that the policy commands
+    defender: Setup | None  # the second arm; None if the task has none
+    clock: Clock  # clock of the control loop
+    hits: str = SIMULATED  # source of hits: an input device, or `simulated` for the geometry of the measured poses
+    missed: float = 0.0  # share of simulated hits that are dropped
+    edges: bool = False  # whether collision checks include sword and shield against the other arm's body
 
     def check(self, task: Task) -> None:
         """Check that a task fits the arms.

@@ -13,19 +13,12 @@ from nas_data.policies.policy import WEIGHTS, Policy, find_policies, load_policy
 
 @dataclass(frozen=True)
 class EvaluationPlan:
-    """Plan in which every policy plays the same starts, policy by policy.
+    """Plan in which every policy plays the same starts, policy by policy."""
 
-    Attributes:
-        paths: Folders that the user gave, each with one policy or one per seed.
-        folders: Folders of the policies, for each path.
-        policies: Policies by folder.
-        episodes: Number of episodes of each policy.
-    """
-
-    paths: tuple[Path, ...]
-    folders: tuple[tuple[Path, ...], ...]
-    policies: dict[Path, Policy]
-    episodes: int
+    paths: tuple[Path, ...]  # folders that the user gave, each with one policy or one per seed
+    folders: tuple[tuple[Path, ...], ...]  # folders of the policies, for each path
+    policies: dict[Path, Policy]  # policies by folder
+    episodes: int  # number of episodes of each policy
 
     @classmethod
     def of(cls, paths: Sequence[Path], environment: str, episodes: int) -> "EvaluationPlan":

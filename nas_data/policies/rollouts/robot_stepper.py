@@ -19,30 +19,20 @@ AHEAD = 0.1  # [s] lookahead of the collision check
 
 @dataclass
 class ArmAttempt(ArmEpisode):
-    """Readings and commands from one reset to the next.
+    """Readings and commands from one reset to the next."""
 
-    Attributes:
-        opponents: Defender states before the first command and after each, T + 1 of shape (m,); m may be 0.
-    """
-
+    # defender states before the first command and after each, T + 1 of shape (m,); m may be 0
     opponents: list[np.ndarray] = field(default_factory=list)
 
 
 @dataclass
 class RolloutTally(RecordingStats):
-    """Counts over all sittings of rollouts.
+    """Counts over all sittings of rollouts."""
 
-    Attributes:
-        steps: Commands.
-        late: Late readings after a command, including the missed ones.
-        held_back: Commands that were replaced because they would have caused a collision.
-        unheard: Transactions that were repeated after the attempts of the bus had failed.
-    """
-
-    steps: int = 0
-    late: int = 0
-    held_back: int = 0
-    unheard: int = 0
+    steps: int = 0  # commands
+    late: int = 0  # late readings after a command, including the missed ones
+    held_back: int = 0  # commands that were replaced because they would have caused a collision
+    unheard: int = 0  # transactions that were repeated after the attempts of the bus had failed
 
 
 class RobotStepper:

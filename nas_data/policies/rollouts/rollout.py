@@ -16,15 +16,11 @@ from nas_data.policies.rollouts.robot_stepper import ArmAttempt, RobotStepper
 
 @dataclass(frozen=True)
 class RolloutScore:
-    """Rewards and successes of an episode of T steps.
+    """Rewards and successes of an episode of T steps."""
 
-    Attributes:
-        rewards: Reward of each step, shape (T,), float32 as in the file, so that returns survive a resume unchanged.
-        successes: Whether the goal was reached by each step, shape (T,).
-    """
-
+    # reward of each step, shape (T,), float32 as in the file, so that returns survive a resume unchanged
     rewards: np.ndarray
-    successes: np.ndarray
+    successes: np.ndarray  # whether the goal was reached by each step, shape (T,)
 
     @classmethod
     def of(cls, verdicts: Sequence[StepResult]) -> "RolloutScore":

@@ -13,14 +13,9 @@ ALL = "all"
 
 @dataclass(frozen=True, order=True)
 class Amount:
-    """An amount of training data.
+    """An amount of training data."""
 
-    Attributes:
-        value: Number of episodes or minutes; infinite for all.
-        unit: The unit.
-    """
-
-    value: float
+    value: float  # number of episodes or minutes; infinite for all
     unit: Unit
 
     @classmethod

@@ -16,19 +16,12 @@ from nas_data.studies.ablation.subsets import divide
 
 @dataclass(frozen=True)
 class Content:
-    """Identity of the data, independent of the machine.
+    """Identity of the data, independent of the machine."""
 
-    Attributes:
-        dataset: Content hash of the dataset.
-        test: Content hash of the held-out dataset; None if episodes of the first one are held out.
-        source: SHA-256 of the source's model, engine and effects; None without a source.
-        effects: SHA-256 of the given named effects; None without.
-    """
-
-    dataset: str
-    test: str | None
-    source: str | None
-    effects: str | None
+    dataset: str  # content hash of the dataset
+    test: str | None  # content hash of the held-out dataset; None if episodes of the first one are held out
+    source: str | None  # SHA-256 of the source's model, engine and effects; None without a source
+    effects: str | None  # SHA-256 of the given named effects; None without
 
     def to_json(self, named: bool = True) -> dict[str, str | None]:
         """Return the hashes for JSON; without effects for a trial that names none."""
@@ -37,21 +30,13 @@ class Content:
 
 @dataclass(frozen=True)
 class SweepData:
-    """Location of the data of a sweep.
+    """Location of the data of a sweep."""
 
-    Attributes:
-        root: Folder of the dataset.
-        test: Folder of the held-out dataset; None if episodes of the first one are held out.
-        model: Source model; None for the one kept with the dataset.
-        engine: Engine of the source; None for the one of the pairing.
-        effects: Folder of a gap report, or its effects.json, to use instead of naming.
-    """
-
-    root: Path
-    test: Path | None = None
-    model: str | None = None
-    engine: str | None = None
-    effects: Path | None = None
+    root: Path  # folder of the dataset
+    test: Path | None = None  # folder of the held-out dataset; None if episodes of the first one are held out
+    model: str | None = None  # source model; None for the one kept with the dataset
+    engine: str | None = None  # engine of the source; None for the one of the pairing
+    effects: Path | None = None  # folder of a gap report, or its effects.json, to use instead of naming
 
     def read(self) -> Dataset:
         """Read the dataset as transitions."""

@@ -16,17 +16,11 @@ from nas_data.sources import SourceModel
 
 @dataclass(frozen=True)
 class NamedSource:
-    """A source with named effects.
+    """A source with named effects."""
 
-    Attributes:
-        source: The source with effects and changed base parameters.
-        effects: The named effects.
-        retuned: Factors of base parameters by name.
-    """
-
-    source: SourceModel
-    effects: tuple[Effect, ...]
-    retuned: Mapping[str, float]
+    source: SourceModel  # the source with effects and changed base parameters
+    effects: tuple[Effect, ...]  # the named effects
+    retuned: Mapping[str, float]  # factors of base parameters by name
 
 
 def name_effects(data: Dataset, source: SourceModel, root: Path) -> NamedSource:

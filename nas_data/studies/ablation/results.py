@@ -15,52 +15,32 @@ PredictorErrors = Mapping[str, Mapping[str, object]]
 
 @dataclass(frozen=True)
 class TrainingData:
-    """Subset that a trial learned from.
+    """Subset that a trial learned from."""
 
-    Attributes:
-        episodes: Number of episodes, or of stretches cut from them.
-        frames: Number of transitions.
-        minutes: Duration [min].
-        runs: First frame of each stretch, and the frame after its last.
-    """
-
-    episodes: int
-    frames: int
-    minutes: float
-    runs: tuple[tuple[int, int], ...] = ()
+    episodes: int  # number of episodes, or of stretches cut from them
+    frames: int  # number of transitions
+    minutes: float  # duration [min]
+    runs: tuple[tuple[int, int], ...] = ()  # first frame of each stretch, and the frame after its last
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrialResult:
-    """Result of a trial.
+    """Result of a trial."""
 
-    Attributes:
-        failed: Why it failed, as a sentence; None if it succeeded.
-        traceback: Traceback of an unexpected error.
-        training_data: Subset that it learned from.
-        unit: SI unit of the errors.
-        one_step: One-step errors by predictor.
-        open_loop: Open-loop errors by predictor.
-        effects: Named effects, if the kind names any.
-        retuned: Factors of base parameters by name, likewise.
-        commit: Commit of this package; None if unknown.
-        packages: Versions of the installed packages.
-        wall_seconds: Wall time [s].
-        cpu_seconds: Processor time [s].
-    """
-
-    failed: str | None = field(default=None, metadata=OPTIONAL)
-    traceback: tuple[str, ...] | None = field(default=None, metadata=OPTIONAL)
-    training_data: TrainingData | None = field(default=None, metadata=OPTIONAL)
-    unit: str | None = field(default=None, metadata=OPTIONAL)
-    one_step: PredictorErrors | None = field(default=None, metadata=OPTIONAL)
-    open_loop: PredictorErrors | None = field(default=None, metadata=OPTIONAL)
+    failed: str | None = field(default=None, metadata=OPTIONAL)  # why it failed, as a sentence; None if it succeeded
+    traceback: tuple[str, ...] | None = field(default=None, metadata=OPTIONAL)  # traceback of an unexpected error
+    training_data: TrainingData | None = field(default=None, metadata=OPTIONAL)  # subset that it learned from
+    unit: str | None = field(default=None, metadata=OPTIONAL)  # SI unit of the errors
+    one_step: PredictorErrors | None = field(default=None, metadata=OPTIONAL)  # One-step errors by predictor
+    open_loop: PredictorErrors | None = field(default=None, metadata=OPTIONAL)  # Open-loop errors by predictor
+    # named effects, if the kind names any
     effects: tuple[Mapping[str, object], ...] | None = field(default=None, metadata=OPTIONAL)
+    # factors of base parameters by name, likewise
     retuned: Mapping[str, float] | None = field(default=None, metadata=OPTIONAL)
-    commit: str | None = None
-    packages: Mapping[str, str] = field(default_factory=dict)
-    wall_seconds: float = 0.0
-    cpu_seconds: float = 0.0
+    commit: str | None = None  # commit of this package; None if unknown
+    packages: Mapping[str, str] = field(default_factory=dict)  # versions of the installed packages
+    wall_seconds: float = 0.0  # wall time [s]
+    cpu_seconds: float = 0.0  # processor time [s]
 
     @property
     def shown(self) -> JointUnit:

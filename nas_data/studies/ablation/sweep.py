@@ -29,23 +29,14 @@ SWEEP, LOCK = "sweep.json", ".lock"
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """Settings of a sweep.
+    """Settings of a sweep."""
 
-    Attributes:
-        kinds: Names of the kinds.
-        amounts: Amounts of data, all in one unit.
-        seeds: Seeds of every kind and amount.
-        options: Options of the trainings; each trial has its own seed.
-        held_out: Share of held-out episodes; None if another dataset is held out.
-        material: The data.
-    """
-
-    kinds: Sequence[str]
-    amounts: Sequence[Amount]
-    seeds: Sequence[int]
-    options: TrainingOptions
-    held_out: float | None
-    material: SweepData
+    kinds: Sequence[str]  # names of the kinds
+    amounts: Sequence[Amount]  # amounts of data, all in one unit
+    seeds: Sequence[int]  # seeds of every kind and amount
+    options: TrainingOptions  # options of the trainings; each trial has its own seed
+    held_out: float | None  # share of held-out episodes; None if another dataset is held out
+    material: SweepData  # the data
 
     def trials(self, content: Content, folder: Path) -> list[Trial]:
         """Return all trials, seed by seed, so that first results cover all amounts; long trials come first in each.

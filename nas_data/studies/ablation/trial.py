@@ -35,21 +35,13 @@ TRIALS, UNFINISHED = "trials", ".unfinished"
 
 @dataclass(frozen=True)
 class Config:
-    """Settings of a trial; with the data they determine its result.
+    """Settings of a trial; with the data they determine its result."""
 
-    Attributes:
-        kind: Name of the kind.
-        amount: Amount of training data.
-        seed: Seed of held-out episodes, subset, weights, order and windows.
-        options: Options of the training; its seed is the trial's.
-        held_out: Share of held-out episodes; None if another dataset is held out.
-    """
-
-    kind: str
-    amount: Amount
-    seed: int
-    options: TrainingOptions
-    held_out: float | None
+    kind: str  # name of the kind
+    amount: Amount  # amount of training data
+    seed: int  # seed of held-out episodes, subset, weights, order and windows
+    options: TrainingOptions  # options of the training; its seed is the trial's
+    held_out: float | None  # share of held-out episodes; None if another dataset is held out
 
     def to_json(self) -> dict[str, object]:
         """Return the settings for JSON; the options are null if nothing is trained."""
@@ -66,21 +58,13 @@ class Config:
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial to do.
+    """A trial to do."""
 
-    Attributes:
-        config: Settings of the trial.
-        content: Identity of the data.
-        material: Location of the data.
-        folder: The sweep's folder.
-        code: Hash of the code that determines the result, at the start of the sweep.
-    """
-
-    config: Config
-    content: Content
-    material: SweepData
-    folder: Path
-    code: str
+    config: Config  # settings of the trial
+    content: Content  # identity of the data
+    material: SweepData  # location of the data
+    folder: Path  # the sweep's folder
+    code: str  # hash of the code that determines the result, at the start of the sweep
 
     @property
     def question(self) -> dict[str, object]:

@@ -12,44 +12,26 @@ from nas_data.runs.stages import Work
 
 @dataclass(frozen=True)
 class DemoPlan:
-    """Sizes of the demo.
+    """Sizes of the demo."""
 
-    Attributes:
-        episodes: Number of training episodes.
-        heldout: Number of held-out episodes.
-        named: Number of recorded episodes for `nas gap`; 0 skips its search.
-        seconds: Length of each episode [s].
-        holds: Durations of random commands [s]; the episodes take them in turn. One second is the paper's protocol;
-            shorter ones resemble the exploration of a policy.
-        delta: Training of φ.
-        forward: Training of ψ.
-        frames: Control steps of each policy's training.
-        seeds: Seeds of the policies of each method.
-        judged: Evaluation episodes of each policy.
-        rollout: Control steps between two updates of a policy.
-        minibatches: Parts of a rollout, one gradient step each.
-        epochs: Passes over a rollout.
-        seed: Seed of the recordings; the held-out episodes take the next one.
-        environment: Name of the environment.
-        dynamics: Name of the environment's dynamics that is the target.
-    """
-
-    episodes: int
-    heldout: int
-    named: int
-    seconds: float
+    episodes: int  # number of training episodes
+    heldout: int  # number of held-out episodes
+    named: int  # number of recorded episodes for `nas gap`; 0 skips its search
+    seconds: float  # length of each episode [s]
+    # durations of random commands [s]; the episodes take them in turn. One second is the paper's protocol; shorter ones
+    # resemble the exploration of a policy.
     holds: tuple[float, ...]
-    delta: TrainingOptions
-    forward: TrainingOptions
-    frames: int
-    seeds: tuple[int, ...]
-    judged: int
-    rollout: int = 8192
-    minibatches: int = 32
-    epochs: int = 10
-    seed: int = 0
-    environment: str = "ErgoReacher"
-    dynamics: str = "backlash"
+    delta: TrainingOptions  # training of φ
+    forward: TrainingOptions  # training of ψ
+    frames: int  # control steps of each policy's training
+    seeds: tuple[int, ...]  # seeds of the policies of each method
+    judged: int  # evaluation episodes of each policy
+    rollout: int = 8192  # control steps between two updates of a policy
+    minibatches: int = 32  # parts of a rollout, one gradient step each
+    epochs: int = 10  # passes over a rollout
+    seed: int = 0  # seed of the recordings; the held-out episodes take the next one
+    environment: str = "ErgoReacher"  # name of the environment
+    dynamics: str = "backlash"  # name of the environment's dynamics that is the target
 
     @property
     def task(self) -> Task:

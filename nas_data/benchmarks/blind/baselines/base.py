@@ -11,15 +11,10 @@ from nas_data.benchmarks.blind.fresh import Predict
 
 @dataclass(frozen=True)
 class Claim:
-    """A baseline's answer.
+    """A baseline's answer."""
 
-    Attributes:
-        findings: Effects it names; empty where it names none.
-        predict: Commands (E, T, n), first positions and speeds (E, 2n) → positions (E, T, n) [rad].
-    """
-
-    findings: tuple[ReportedEffect, ...]
-    predict: Predict
+    findings: tuple[ReportedEffect, ...]  # effects it names; empty where it names none
+    predict: Predict  # commands (E, T, n), first positions and speeds (E, 2n) → positions (E, T, n) [rad]
 
 
 def claim(effect: str, joint: str | None) -> ReportedEffect:

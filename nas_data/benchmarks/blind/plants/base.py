@@ -34,13 +34,9 @@ SimulateAlike: TypeAlias = Callable[[list[PlantBody], np.ndarray, np.ndarray, fl
 
 @dataclass(frozen=True)
 class Play:
-    """Plays the same episodes on an arm under each of several truths.
+    """Plays the same episodes on an arm under each of several truths."""
 
-    Attributes:
-        simulate: Simulates episodes from given states.
-    """
-
-    simulate: Simulate
+    simulate: Simulate  # simulates episodes from given states
 
     def __call__(
         self,

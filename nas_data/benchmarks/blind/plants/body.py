@@ -25,13 +25,9 @@ PENDULUM = {
 
 @dataclass
 class PlantBody(Hideable, Servos, Links):
-    """One arm with what hides in it.
+    """One arm with what hides in it."""
 
-    Attributes:
-        driven: Number of joints with a servo; a swinging load is one more, undriven.
-    """
-
-    driven: int
+    driven: int  # number of joints with a servo; a swinging load is one more, undriven
 
     @classmethod
     def of(cls, constants: Constants, base: Base) -> "PlantBody":

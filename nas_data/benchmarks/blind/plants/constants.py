@@ -12,13 +12,9 @@ from nas_data.errors import ModelFileError
 
 @dataclass
 class Constants(Servos, Links):
-    """A serial arm of n hinges and slides, each with a position servo or a motor.
+    """A serial arm of n hinges and slides, each with a position servo or a motor."""
 
-    Attributes:
-        joints: Names, from the base on.
-    """
-
-    joints: tuple[str, ...]
+    joints: tuple[str, ...]  # names, from the base on
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> "Constants":

@@ -16,27 +16,16 @@ from nas_data.gap.report_parts import Check
 
 @dataclass(frozen=True)
 class Examined:
-    """A recording with predictions of the model.
+    """A recording with predictions of the model."""
 
-    Attributes:
-        dataset: Dataset as recorded, including rows with the torque off.
-        findings: Findings of the audits of every recording.
-        recorded: Rows with the torque on.
-        nominal: Model.
-        floor: Noise floor [rad; m], shape (n,).
-        predicted: The model's open-loop positions [rad; m], shape (E, T, n).
-        loads: The model's torques in measured states.
-        overlaps: Contacts of the model that the recording contradicts.
-    """
-
-    dataset: Dataset
-    findings: tuple[AuditFinding, ...]
-    recorded: RecordedRows
-    nominal: Nominal
-    floor: np.ndarray
-    predicted: np.ndarray
-    loads: Loads
-    overlaps: Sequence[Overlap] = ()
+    dataset: Dataset  # dataset as recorded, including rows with the torque off
+    findings: tuple[AuditFinding, ...]  # findings of the audits of every recording
+    recorded: RecordedRows  # rows with the torque on
+    nominal: Nominal  # model
+    floor: np.ndarray  # noise floor [rad; m], shape (n,)
+    predicted: np.ndarray  # the model's open-loop positions [rad; m], shape (E, T, n)
+    loads: Loads  # the model's torques in measured states
+    overlaps: Sequence[Overlap] = ()  # contacts of the model that the recording contradicts
 
 
 def summarise_audits(name: str, examined: Examined, checks: Sequence[str], sound: str, advice: str = "") -> Check:

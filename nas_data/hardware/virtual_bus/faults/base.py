@@ -16,13 +16,9 @@ class LineGone(Exception):
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """Base of the faults; the file `faults/a_b.py` holds the fault `a_b` as class `AB`.
+    """Base of the faults; the file `faults/a_b.py` holds the fault `a_b` as class `AB`."""
 
-    Attributes:
-        after: Time after the start of the bus at which it begins [s].
-    """
-
-    after: float = 0.0
+    after: float = 0.0  # time after the start of the bus at which it begins [s]
 
     @classmethod
     def name(cls) -> str:

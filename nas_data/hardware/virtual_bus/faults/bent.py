@@ -11,15 +11,10 @@ from nas_data.hardware.virtual_bus.faults.base import Fault
 
 @dataclass(frozen=True, kw_only=True)
 class Bent(Fault):
-    """A joint is in another position.
+    """A joint is in another position."""
 
-    Attributes:
-        servo: Number of its servo in the arm, from 1.
-        radians: New position of the joint [rad].
-    """
-
-    servo: int = 1
-    radians: float = 1.9
+    servo: int = 1  # number of its servo in the arm, from 1
+    radians: float = 1.9  # new position of the joint [rad]
 
     def apply(self, arm: VirtualArm) -> None:
         """Move the joint; see `Fault.apply`.

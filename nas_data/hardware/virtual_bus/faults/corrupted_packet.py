@@ -9,13 +9,9 @@ from nas_data.hardware.virtual_bus.faults.base import Fault
 
 @dataclass(frozen=True, kw_only=True)
 class CorruptedPacket(Fault):
-    """Noise on the line.
+    """Noise on the line."""
 
-    Attributes:
-        share: Share of the packets with one wrong bit.
-    """
-
-    share: float = 0.01
+    share: float = 0.01  # share of the packets with one wrong bit
 
     def instruction(self, content: bytes, rng: np.random.Generator) -> bytes:
         """Flip a bit; see `Fault.instruction`."""

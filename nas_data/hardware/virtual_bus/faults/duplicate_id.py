@@ -8,17 +8,11 @@ from nas_data.hardware.virtual_bus.faults.base import Fault, find_servo
 
 @dataclass(frozen=True, kw_only=True)
 class DuplicateIdFault(Fault):
-    """One servo gets the ID of another.
+    """One servo gets the ID of another."""
 
-    Attributes:
-        servo: ID of the servo before.
-        identity: Its new ID.
-        return_delay: Its return delay in units of 2 µs; the default is the factory setting.
-    """
-
-    servo: int = 4
-    identity: int = 3
-    return_delay: int = 250
+    servo: int = 4  # ID of the servo before
+    identity: int = 3  # its new ID
+    return_delay: int = 250  # its return delay in units of 2 µs; the default is the factory setting
 
     def apply(self, arm: VirtualArm) -> None:
         """Change the ID; see `Fault.apply`."""

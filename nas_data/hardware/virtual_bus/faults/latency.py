@@ -9,15 +9,10 @@ from nas_data.hardware.virtual_bus.faults.base import Fault
 
 @dataclass(frozen=True, kw_only=True)
 class Latency(Fault):
-    """Delays of some replies.
+    """Delays of some replies."""
 
-    Attributes:
-        share: Share of the instructions with delayed replies.
-        seconds: Delay [s].
-    """
-
-    share: float = 0.01
-    seconds: float = 0.06
+    share: float = 0.01  # share of the instructions with delayed replies
+    seconds: float = 0.06  # delay [s]
 
     def delay(self, rng: np.random.Generator) -> float:
         """Return the delay for a random share of instructions; see `Fault.delay`."""

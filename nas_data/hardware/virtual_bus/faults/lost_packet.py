@@ -9,13 +9,9 @@ from nas_data.hardware.virtual_bus.faults.base import Fault
 
 @dataclass(frozen=True, kw_only=True)
 class LostPacket(Fault):
-    """Packets are lost, as with a loose plug.
+    """Packets are lost, as with a loose plug."""
 
-    Attributes:
-        share: Share of the packets that are lost.
-    """
-
-    share: float = 0.01
+    share: float = 0.01  # share of the packets that are lost
 
     def instruction(self, content: bytes, rng: np.random.Generator) -> bytes:
         """Drop a random share; see `Fault.instruction`."""

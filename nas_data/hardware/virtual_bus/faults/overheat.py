@@ -8,15 +8,10 @@ from nas_data.hardware.virtual_bus.faults.base import Fault, find_servo
 
 @dataclass(frozen=True, kw_only=True)
 class Overheat(Fault):
-    """One servo has a high temperature.
+    """One servo has a high temperature."""
 
-    Attributes:
-        servo: Its ID.
-        celsius: Temperature [°C]; the servo shuts down above its limit, 65 °C at the factory.
-    """
-
-    servo: int = 2
-    celsius: float = 80.0
+    servo: int = 2  # its ID
+    celsius: float = 80.0  # temperature [°C]; the servo shuts down above its limit, 65 °C at the factory
 
     def apply(self, arm: VirtualArm) -> None:
         """Heat the servo; see `Fault.apply`."""

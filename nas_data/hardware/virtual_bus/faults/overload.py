@@ -9,13 +9,9 @@ from nas_data.hardware.virtual_bus.kinds.base import Reason
 
 @dataclass(frozen=True, kw_only=True)
 class Overload(Fault):
-    """One servo shuts down.
+    """One servo shuts down."""
 
-    Attributes:
-        servo: Its ID.
-    """
-
-    servo: int = 2
+    servo: int = 2  # its ID
 
     def apply(self, arm: VirtualArm) -> None:
         """Shut the servo down; see `Fault.apply`."""

@@ -8,13 +8,9 @@ from nas_data.hardware.virtual_bus.faults.base import Fault
 
 @dataclass(frozen=True, kw_only=True)
 class Stale(Fault):
-    """Outdated readings.
+    """Outdated readings."""
 
-    Attributes:
-        every: Update period of the readings in steps of 10 ms.
-    """
-
-    every: int = 2
+    every: int = 2  # update period of the readings in steps of 10 ms
 
     def apply(self, arm: VirtualArm) -> None:
         """Set the update period; see `Fault.apply`."""

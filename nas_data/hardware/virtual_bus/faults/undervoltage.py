@@ -8,13 +8,9 @@ from nas_data.hardware.virtual_bus.faults.base import Fault
 
 @dataclass(frozen=True, kw_only=True)
 class Undervoltage(Fault):
-    """A low supply voltage.
+    """A low supply voltage."""
 
-    Attributes:
-        volts: Supply voltage [V].
-    """
-
-    volts: float = 5.5
+    volts: float = 5.5  # supply voltage [V]
 
     def apply(self, arm: VirtualArm) -> None:
         """Lower the supply voltage; see `Fault.apply`."""

@@ -8,13 +8,9 @@ from nas_data.hardware.virtual_bus.faults.base import Fault, find_servo
 
 @dataclass(frozen=True, kw_only=True)
 class Unplugged(Fault):
-    """One servo is disconnected.
+    """One servo is disconnected."""
 
-    Attributes:
-        servo: Its ID.
-    """
-
-    servo: int = 3
+    servo: int = 3  # its ID
 
     def apply(self, arm: VirtualArm) -> None:
         """Remove the servo from the line; see `Fault.apply`."""

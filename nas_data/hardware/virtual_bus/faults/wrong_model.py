@@ -10,15 +10,10 @@ XL330_M077 = 1190  # model number, ROBOTIS e-manual
 
 @dataclass(frozen=True, kw_only=True)
 class WrongModelFault(Fault):
-    """One servo has another model number.
+    """One servo has another model number."""
 
-    Attributes:
-        servo: Its ID.
-        model: Its model number.
-    """
-
-    servo: int = 5
-    model: int = XL330_M077
+    servo: int = 5  # its ID
+    model: int = XL330_M077  # its model number
 
     def apply(self, arm: VirtualArm) -> None:
         """Change the model number; see `Fault.apply`."""

@@ -22,21 +22,13 @@ TRAIN, HELDOUT, NAMED = "train", "heldout", "train_named"
 
 @dataclass(frozen=True)
 class MaterialPlan:
-    """Settings of the artifacts.
+    """Settings of the artifacts."""
 
-    Attributes:
-        recipe: Recording of the target.
-        heldout: Number of held-out episodes, recorded with the next seed.
-        delta: Training of φ.
-        forward: Training of ψ.
-        named: Number of recorded episodes for `nas gap`; all if None.
-    """
-
-    recipe: Recipe
-    heldout: int
-    delta: TrainingOptions
-    forward: TrainingOptions
-    named: int | None = None
+    recipe: Recipe  # recording of the target
+    heldout: int  # number of held-out episodes, recorded with the next seed
+    delta: TrainingOptions  # training of φ
+    forward: TrainingOptions  # training of ψ
+    named: int | None = None  # number of recorded episodes for `nas gap`; all if None
 
     @property
     def task(self) -> Task:
@@ -65,15 +57,10 @@ class MaterialPlan:
 
 @dataclass(frozen=True)
 class Artifacts:
-    """Artifacts in a folder.
+    """Artifacts in a folder."""
 
-    Attributes:
-        plan: Their settings.
-        folder: Their folder.
-    """
-
-    plan: MaterialPlan
-    folder: Path
+    plan: MaterialPlan  # their settings
+    folder: Path  # their folder
 
     @property
     def train(self) -> Path:

@@ -24,21 +24,13 @@ TRAINED_BY = "nas_data.models.run"
 
 @dataclass(frozen=True)
 class ModelJob:
-    """One model to be trained.
+    """One model to be trained."""
 
-    Attributes:
-        kind: `delta` for φ, `forward` for ψ.
-        dataset: Folder of the pairs, with their source.
-        options: Of the training.
-        folder: Output folder; a file of the same name beside it records the identity of the training.
-        threads: Simulation threads of the source; None for all cores.
-    """
-
-    kind: Kind
-    dataset: Path
-    options: TrainingOptions
-    folder: Path
-    threads: int | None = None
+    kind: Kind  # `delta` for φ, `forward` for ψ
+    dataset: Path  # folder of the pairs, with their source
+    options: TrainingOptions  # of the training
+    folder: Path  # output folder; a file of the same name beside it records the identity of the training
+    threads: int | None = None  # simulation threads of the source; None for all cores
 
     @property
     def record(self) -> Path:

@@ -11,17 +11,11 @@ from nas_data.studies.experiments.pipeline.artifacts import NAMES, PHI, PHI_NAME
 
 @dataclass(frozen=True)
 class Method:
-    """A method.
+    """A method."""
 
-    Attributes:
-        learned_on: Description of its training dynamics, in a few words.
-        plant: Its training dynamics.
-        needs: Stages of the artifacts that it needs.
-    """
-
-    learned_on: str
-    plant: Callable[[Artifacts], DynamicsSpec]
-    needs: tuple[str, ...] = ()
+    learned_on: str  # description of its training dynamics, in a few words
+    plant: Callable[[Artifacts], DynamicsSpec]  # its training dynamics
+    needs: tuple[str, ...] = ()  # stages of the artifacts that it needs
 
 
 def make_target(material: Artifacts) -> DynamicsSpec:

@@ -19,17 +19,11 @@ from nas_data.typed_json import make_finite
 
 @dataclass(frozen=True)
 class ExperimentRun:
-    """A finished experiment.
+    """A finished experiment."""
 
-    Attributes:
-        text: Results as text, with the paths of the files.
-        data: Values for JSON.
-        files: Written files.
-    """
-
-    text: str
-    data: Mapping[str, object]
-    files: tuple[Path, ...]
+    text: str  # results as text, with the paths of the files
+    data: Mapping[str, object]  # values for JSON
+    files: tuple[Path, ...]  # written files
 
 
 def run_experiment(name: str, request: Request) -> ExperimentRun:

@@ -23,21 +23,13 @@ DRAWN = ("source + φ", "ψ", "source", "hold")
 
 @dataclass(frozen=True)
 class Sequence:
-    """Held-out episodes with predictions, and the episode to draw.
+    """Held-out episodes with predictions, and the episode to draw."""
 
-    Attributes:
-        material: Their artifacts.
-        dataset: The episodes.
-        evaluation: Predictions and errors.
-        episode: The drawn episode: the one with the median source error among those of the paper's protocol.
-        joint: The joint with the largest source error in these episodes.
-    """
-
-    material: Artifacts
-    dataset: Dataset
-    evaluation: Evaluation
-    episode: int
-    joint: int
+    material: Artifacts  # their artifacts
+    dataset: Dataset  # the episodes
+    evaluation: Evaluation  # predictions and errors
+    episode: int  # the drawn episode: the one with the median source error among those of the paper's protocol
+    joint: int  # the joint with the largest source error in these episodes
 
     @property
     def measured(self) -> list[np.ndarray]:
