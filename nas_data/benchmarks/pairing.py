@@ -10,9 +10,8 @@ import mujoco.rollout
 import numpy as np
 
 from nas_data.api.recording import record
-from nas_data.benchmarks.bulk import pair_folder, write_version
-from nas_data.benchmarks.result import BenchmarkResult
-from nas_data.benchmarks.rounds import Ratio, take_turns
+from nas_data.benchmarks.datasets import pair_folder, write_version
+from nas_data.benchmarks.result import BenchmarkResult, Ratio, take_turns
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
 from nas_data.pairing import pair

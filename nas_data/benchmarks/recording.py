@@ -11,10 +11,8 @@ import numpy as np
 from gymnasium import spaces
 
 from nas_data.api.recording import record
-from nas_data.benchmarks.bulk import pair_folder, write_version
-from nas_data.benchmarks.lerobot import create, lerobot
-from nas_data.benchmarks.result import BenchmarkResult
-from nas_data.benchmarks.rounds import Ratio, take_turns
+from nas_data.benchmarks.datasets import create, lerobot, pair_folder, write_version
+from nas_data.benchmarks.result import BenchmarkResult, Ratio, take_turns
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION, NEXT_STATE, SIM_STATE, STATE, TIME
 from nas_data.dataset.read import read

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from nas_data.api.recording import record
-from nas_data.benchmarks.bulk import pair_folder, write_version
-from nas_data.benchmarks.result import SECONDS, BenchmarkResult
-from nas_data.benchmarks.rounds import Ratio, Times
+from nas_data.benchmarks.datasets import pair_folder, write_version
+from nas_data.benchmarks.result import SECONDS, BenchmarkResult, Ratio, Times
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
 from nas_data.envs.ergo_reacher import TASK

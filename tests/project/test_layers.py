@@ -43,7 +43,7 @@ LIBRARIES = {
     "scservo_sdk": set(),
     "lerobot": {
         "recorders",
-        "benchmarks.lerobot", "benchmarks.recording",  # compared with LeRobot's own writer and reader
+        "benchmarks.datasets", "benchmarks.recording",  # compared with LeRobot's own writer and reader
     },
     "ray": {"studies.ablation.executors.ray"},
 }  # fmt: skip

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from nas_data.benchmarks.blind.baselines.base import find_baseline
-from nas_data.benchmarks.blind.case import DEFAULT, FAMILIES, Identity
-from nas_data.benchmarks.blind.code import check_code
-from nas_data.benchmarks.blind.findings import Name
+from nas_data.benchmarks.blind.case import DEFAULT, FAMILIES, Identity, Name
 from nas_data.benchmarks.blind.plants.base import find_plant
 from nas_data.benchmarks.blind.record import CaseFailure, CaseRecord
-from nas_data.benchmarks.blind.run_case import Investigate, Judge
+from nas_data.benchmarks.blind.run_case import Investigate, Judge, check_code
 from nas_data.benchmarks.blind.settings.base import find_setting
 from nas_data.errors import OptionError, UnknownName
 
@@ -71,13 +69,7 @@ def run(plan: BlindPlan, out: Path, investigate: Investigate, report: Callable[[
         OutputExists: finished cases were judged by other code.
     """
     plan.check()
-    return run_cases(list(plan.identities()), Judge(investigate, plan.baselines, plan.keep), out, report)
-
-
-def run_cases(
-    identities: Sequence[Identity], judge: Judge, out: Path, report: Callable[[str], None]
-) -> list[CaseRecord]:
-    """Run those of some cases that are not finished yet and return the records of all; see `run`."""
+    judge, identities = Judge(investigate, plan.baselines, plan.keep), plan.identities()
     paths = {identity: out / RESULTS / f"{identity.name}.json" for identity in identities}
     known = {identity: record for identity, path in paths.items() if (record := CaseRecord.read(path)) is not None}
     check_code(known, out)

@@ -5,8 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from nas_data.benchmarks.blind.arms import RANGE, NominalArm
-from nas_data.benchmarks.blind.mjcf import JointDrive, Link, Style, to_mjcf
+from nas_data.benchmarks.blind.arms import RANGE, JointDrive, Link, NominalArm, Style, to_mjcf
 
 JOINTS = (2, 7)
 LENGTH = (0.05, 0.6)  # [m] of the links

@@ -3,14 +3,11 @@
 import numpy as np
 
 from nas_data.benchmarks.blind.arms import NominalArm
-from nas_data.benchmarks.blind.command_sequence import CommandSequence, Script
-from nas_data.benchmarks.blind.conditions import Conditions
-from nas_data.benchmarks.blind.excitation import as_stored
-from nas_data.benchmarks.blind.motions import FARTHEST, draw_sines
+from nas_data.benchmarks.blind.case import Base, CommandSequence, Conditions, Script, Truth
+from nas_data.benchmarks.blind.motions import FARTHEST, as_stored, draw_sines
 from nas_data.benchmarks.blind.plants.base import Play, find_plant, make_chain
-from nas_data.benchmarks.blind.plants.body import PlantBody, stack_arms
 from nas_data.benchmarks.blind.plants.constants import Constants
-from nas_data.benchmarks.blind.truth import Base, Truth
+from nas_data.benchmarks.blind.plants.hiding import PlantBody, stack_arms
 
 BANDWIDTH = 2 * np.pi * 3.0  # [rad/s] of the error's decay: stiff enough to stay in range, too soft to hide friction
 HINGE, SLIDE = 0.8, 0.2  # [rad], [m] from the middle that a reference goes at most

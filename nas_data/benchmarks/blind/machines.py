@@ -3,10 +3,9 @@
 import mujoco
 import numpy as np
 
-from nas_data.benchmarks.blind.arms import NominalArm
+from nas_data.benchmarks.blind.arms import JointDrive, Link, NominalArm, Style, to_mjcf
 from nas_data.benchmarks.blind.designs import draw_log_uniform, format_numbers
 from nas_data.benchmarks.blind.following import find_reach
-from nas_data.benchmarks.blind.mjcf import JointDrive, Link, Style, to_mjcf
 from nas_data.benchmarks.blind.motions import FARTHEST, draw_sines
 
 JOINTS = (1, 3)

@@ -5,8 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from nas_data.benchmarks.blind.case import Identity
-from nas_data.benchmarks.blind.findings import Name
+from nas_data.benchmarks.blind.case import Identity, Name
 from nas_data.benchmarks.blind.fresh import FreshErrors, ModelErrors
 from nas_data.benchmarks.blind.grade import CaseGrade, NamesGrade
 from nas_data.dataset.staging import write_synced

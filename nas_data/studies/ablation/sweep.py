@@ -16,10 +16,10 @@ from nas_data.count_of import count_of
 from nas_data.errors import OutputExists
 from nas_data.models.presets import TrainingOptions
 from nas_data.runs.progress import format_duration
-from nas_data.studies.ablation.amount import Amount
 from nas_data.studies.ablation.executors.base import Executor
+from nas_data.studies.ablation.judging import TrialResult
 from nas_data.studies.ablation.material import Content, SweepData
-from nas_data.studies.ablation.results import TrialResult
+from nas_data.studies.ablation.subsets import Amount
 from nas_data.studies.ablation.trial import TRIALS, UNFINISHED, Config, Trial, do_trial, hash_trial_code
 from nas_data.typed_json import from_json
 from nas_data.visible_files import list_visible_files

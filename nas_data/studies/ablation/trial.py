@@ -21,12 +21,10 @@ from nas_data.models.threads import one_thread
 from nas_data.runs.code_hash import hash_code, list_effect_modules
 from nas_data.runs.environment_info import find_commit
 from nas_data.sources import SourceModel
-from nas_data.studies.ablation.amount import Amount
-from nas_data.studies.ablation.judging import judge
+from nas_data.studies.ablation.judging import TrainingData, TrialResult, judge
 from nas_data.studies.ablation.kinds.base import FOLDER, TrainingInput, find_kind
 from nas_data.studies.ablation.material import Content, SweepData
-from nas_data.studies.ablation.results import TrainingData, TrialResult
-from nas_data.studies.ablation.subsets import Run, draw
+from nas_data.studies.ablation.subsets import Amount, Run, draw
 from nas_data.typed_json import as_object
 
 SCHEMA = 1

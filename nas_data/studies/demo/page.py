@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from nas_data.atomic_file import write_atomic
-from nas_data.benchmarks.hardware import read_hardware
+from nas_data.benchmarks.result import read_hardware
 from nas_data.count_of import join_items
 from nas_data.dataset.provenance import format_current_time, read_provenance
 from nas_data.gap.report import GapReport
@@ -27,13 +27,20 @@ from nas_data.reports.run_sections import (
 from nas_data.reports.runs import Runs, find_runs
 from nas_data.reports.style import choose_strokes
 from nas_data.runs.stages import StageResult, read_stage
-from nas_data.studies.demo.learning import ERRORS, FOLDERS, NAMES, ROLLOUTS, load_errors, load_rollouts
-from nas_data.studies.demo.naming import FOLDER as GAP
-from nas_data.studies.demo.naming import read_named_dynamics
+from nas_data.studies.demo.learning import (
+    BASELINES,
+    ERRORS,
+    FOLDERS,
+    NAMES,
+    ROLLOUTS,
+    load_baselines,
+    load_errors,
+    load_rollouts,
+)
+from nas_data.studies.demo.learning import FOLDER as POLICIES
 from nas_data.studies.demo.plan import Demo, DemoPlan
-from nas_data.studies.demo.policies import BASELINES, load_baselines
-from nas_data.studies.demo.policies import FOLDER as POLICIES
-from nas_data.studies.demo.recording import HELDOUT, TRAIN, find_newest
+from nas_data.studies.demo.recording import FOLDER as GAP
+from nas_data.studies.demo.recording import HELDOUT, TRAIN, find_newest, read_named_dynamics
 
 PAGE = "report.html"
 LEAD = (

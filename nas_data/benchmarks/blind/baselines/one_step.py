@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.benchmarks.blind.baselines.base import Claim, claim
-from nas_data.benchmarks.blind.recorded import RecordedCase
+from nas_data.benchmarks.blind.baselines.base import Claim, RecordedCase, claim
 from nas_data.benchmarks.blind.resimulate import Delivered, find_actuators
 from nas_data.simulators.mujoco import MujocoSimulator
 

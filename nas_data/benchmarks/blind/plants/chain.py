@@ -4,7 +4,7 @@ from functools import cached_property
 
 import numpy as np
 
-from nas_data.benchmarks.blind.plants.numbers import Links
+from nas_data.benchmarks.blind.plants.constants import Links
 from nas_data.benchmarks.blind.plants.vectors import cross, from_here_on, skew
 
 

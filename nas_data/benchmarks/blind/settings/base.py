@@ -7,10 +7,8 @@ import numpy as np
 
 from nas_data import registry
 from nas_data.benchmarks.blind.arms import NominalArm
-from nas_data.benchmarks.blind.case import Identity
+from nas_data.benchmarks.blind.case import Conditions, Hidden, Identity
 from nas_data.benchmarks.blind.catalogue import EffectDraw
-from nas_data.benchmarks.blind.conditions import Conditions
-from nas_data.benchmarks.blind.truth import Hidden
 
 # conditions, number of episodes, range of each command (n, 2) [rad] → commands (E, T, n), poses held before (E, n);
 # where a controller follows references with torques, these, of whole motions, from positions in that range

@@ -14,8 +14,8 @@ from nas_data.reports.prediction_figures import compute_joint_errors, draw_traje
 from nas_data.reports.style import to_png
 from nas_data.studies.experiments.base import Request
 from nas_data.studies.experiments.pipeline.artifacts import PHI, PSI, Artifacts
+from nas_data.studies.experiments.pipeline.learning import compare_models
 from nas_data.studies.experiments.pipeline.stages import describe_stages
-from nas_data.studies.experiments.pipeline.trajectories import compare_models
 
 NEEDS = ("record", PHI, PSI)
 DRAWN = ("source + φ", "ψ", "source", "hold")
