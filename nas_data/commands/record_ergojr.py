@@ -96,8 +96,7 @@ class RecordErgojr(RecordArm):
         )
 
     def _joints(self) -> "Joints":
-        from nas_data.hardware.xl320.calibration import find_joints
-        from nas_data.hardware.xl320.ergojr import make_ergojr_joints
+        from nas_data.hardware.xl320.joints import find_joints, make_ergojr_joints
 
         if self.virtual and not self.calibration:
             return make_ergojr_joints()

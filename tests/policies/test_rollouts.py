@@ -27,11 +27,11 @@ from nas_data.envs.base import find_task
 from nas_data.envs.ergo_shield import GUARD
 from nas_data.envs.ergo_shield import detect_touches as geometric_touches
 from nas_data.errors import OptionError
-from nas_data.hardware.virtual_bus.options import Options
 from nas_data.hardware.virtual_bus.process import VirtualBus
+from nas_data.hardware.virtual_bus.terminal import Options
 from nas_data.hardware.xl320.arm import Xl320
-from nas_data.hardware.xl320.ergojr import make_ergojr_joints
-from nas_data.hardware.xl320.units import TICK
+from nas_data.hardware.xl320.control_table import TICK
+from nas_data.hardware.xl320.joints import make_ergojr_joints
 from nas_data.policies.evaluate import SEED
 from nas_data.policies.rollouts import recorded
 from nas_data.policies.rollouts.keyboard import EVENT, KEY_EVENT, KEY_S, Keyboard

@@ -21,9 +21,9 @@ from nas_data.recorders.recipe import CommandKind, Recipe
 from nas_data.reports.prediction_figures import draw_error_growth, quartiles
 from nas_data.studies.experiments import figure6
 from nas_data.studies.experiments.pipeline import compare_methods, run, stages
-from nas_data.studies.experiments.pipeline.artifacts import Artifacts, MaterialPlan
+from nas_data.studies.experiments.pipeline.artifacts import METHODS, Artifacts, MaterialPlan
 from nas_data.studies.experiments.pipeline.authors import RETURNS, list_remarks
-from nas_data.studies.experiments.pipeline.compare_methods import METHODS, make_hyperparameters
+from nas_data.studies.experiments.pipeline.compare_methods import make_hyperparameters
 from nas_data.studies.experiments.pipeline.run import format_stem, run_experiment
 from nas_data.studies.experiments.pipeline.sizes import FULL, PPO
 from nas_data.studies.experiments.pipeline.table_notes import (

@@ -16,8 +16,8 @@ from typing import Any, Self
 import numpy as np
 
 from nas_data.errors import ArmError, BadReply, ServoRefused, ServoSilent
+from nas_data.hardware.arms.base import OPENER
 from nas_data.hardware.arms.port_errors import make_busy_error, make_lost_port_error, make_port_error
-from nas_data.hardware.arms.safety import OPENER
 
 ATTEMPTS = 3
 QUIET = 0.04  # [s] of silence after which no late reply is expected

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from nas_data.hardware.virtual_bus.packet import BROADCAST, Error, Instruction, Packet
 from nas_data.hardware.virtual_bus.servo import VirtualServo
-from nas_data.hardware.xl320.units import DELAY_UNIT
+from nas_data.hardware.xl320.control_table import DELAY_UNIT
 
 
 @dataclass(frozen=True)

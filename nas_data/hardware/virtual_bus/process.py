@@ -12,7 +12,7 @@ from dataclasses import replace
 from types import TracebackType
 
 from nas_data.errors import ArmError, OptionError
-from nas_data.hardware.virtual_bus.options import Options
+from nas_data.hardware.virtual_bus.terminal import Options
 
 VIRTUAL = "virtual"
 

@@ -8,16 +8,12 @@ from types import TracebackType
 import numpy as np
 
 from nas_data.errors import ArmError, ServoSilent
-from nas_data.hardware.arms.base import Health, Reading
-from nas_data.hardware.arms.safety import OPENER, make_safe
-from nas_data.hardware.xl320.bus import Answer, Bus
+from nas_data.hardware.arms.base import OPENER, Health, Reading, make_safe
+from nas_data.hardware.xl320.bus import Answer, Bus, open_port
 from nas_data.hardware.xl320.configuration import Configuration
-from nas_data.hardware.xl320.control_table import FEEDBACK, FEEDBACK_SIZE, HEALTH, HEALTH_SIZE, SETTINGS
-from nas_data.hardware.xl320.fitness import refuse_outside, refuse_unfit
+from nas_data.hardware.xl320.control_table import FEEDBACK, FEEDBACK_SIZE, HEALTH, HEALTH_SIZE, HIGHEST, SETTINGS, VOLT
 from nas_data.hardware.xl320.joints import Joints
-from nas_data.hardware.xl320.port import open_port
-from nas_data.hardware.xl320.survey import FoundServo, make_no_answer_error, survey
-from nas_data.hardware.xl320.units import HIGHEST, VOLT
+from nas_data.hardware.xl320.survey import FoundServo, make_no_answer_error, refuse_outside, refuse_unfit, survey
 
 
 class Xl320Arm:
@@ -177,7 +173,7 @@ class Xl320Arm:
         return [identity for identity in self.joints.ids if not self._is_off(identity)]
 
     def make_safe(self) -> str:
-        """Stop the arm and switch its torque off; see `nas_data.hardware.arms.safety`."""
+        """Stop the arm and switch its torque off; see `nas_data.hardware.arms.base`."""
         return make_safe(self)
 
     def close(self) -> None:

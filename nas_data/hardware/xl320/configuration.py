@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass
 
 from nas_data.errors import OptionError
 from nas_data.hardware.xl320.bus import Bus
-from nas_data.hardware.xl320.units import encode_speed_limit
+from nas_data.hardware.xl320.control_table import encode_speed_limit
 
 FULL = 1023
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from nas_data.errors import ArmError
 from nas_data.hardware.xl320.arm import Xl320Arm
 from nas_data.hardware.xl320.control_table import MODEL_NUMBER
-from nas_data.hardware.xl320.fitness import refuse_outside, refuse_unfit
 from nas_data.hardware.xl320.joints import Joints
 from nas_data.hardware.xl320.survey import (
     FoundServo,
@@ -14,6 +13,8 @@ from nas_data.hardware.xl320.survey import (
     make_no_answer_error,
     read_servo,
     refuse_duplicates,
+    refuse_outside,
+    refuse_unfit,
 )
 
 

@@ -7,10 +7,9 @@ from nas_data.envs.base import find_task_file
 from nas_data.reports.experiment_figures import draw_returns_by_method
 from nas_data.reports.style import to_png
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request
-from nas_data.studies.experiments.pipeline.artifacts import NAMES
+from nas_data.studies.experiments.pipeline.artifacts import METHODS, NAMES
 from nas_data.studies.experiments.pipeline.authors import list_remarks
 from nas_data.studies.experiments.pipeline.compare_methods import (
-    METHODS,
     compare_methods,
     describe,
     make_panel,

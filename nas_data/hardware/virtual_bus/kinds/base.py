@@ -9,8 +9,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from nas_data import registry
-from nas_data.hardware.virtual_bus.packet import ALERT, Error, Instruction
-from nas_data.hardware.virtual_bus.protocols import PROTOCOL_2, PacketProtocol
+from nas_data.hardware.virtual_bus.packet import ALERT, PROTOCOL_2, Error, Instruction, PacketProtocol
 from nas_data.hardware.xl320.control_table import ControlTableEntry
 
 if TYPE_CHECKING:

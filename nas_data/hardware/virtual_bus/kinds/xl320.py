@@ -5,8 +5,19 @@ from typing import TYPE_CHECKING
 
 from nas_data.hardware.virtual_bus.kinds.base import STILL, VOLT, Reason, ServoDrive, ServoMeasurements, ServoSeries
 from nas_data.hardware.virtual_bus.packet import Error
-from nas_data.hardware.xl320.control_table import OVERHEAT, OVERLOAD, RAM, REGISTERS, VOLTAGE, ControlTableEntry
-from nas_data.hardware.xl320.units import HIGHEST, LOAD_UNIT, SPEED_UNIT, TICK, encode_sign_magnitude
+from nas_data.hardware.xl320.control_table import (
+    HIGHEST,
+    LOAD_UNIT,
+    OVERHEAT,
+    OVERLOAD,
+    RAM,
+    REGISTERS,
+    SPEED_UNIT,
+    TICK,
+    VOLTAGE,
+    ControlTableEntry,
+    encode_sign_magnitude,
+)
 
 if TYPE_CHECKING:
     from nas_data.hardware.virtual_bus.servo import VirtualServo

@@ -1,14 +1,12 @@
 """The methods of figure 5, and policies of each compared on the target."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict
 
 import numpy as np
 
 from nas_data.envs.base import find_task_file
-from nas_data.envs.loop.dynamics_spec import DynamicsSpec
-from nas_data.errors import UnknownName
-from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Comparison, Study, compare
+from nas_data.policies.compare import Comparison, Study, compare
 from nas_data.policies.hyperparameters import Hyperparameters
 from nas_data.policies.intervals import compute_median_interval, describe_interval, format_median
 from nas_data.policies.share import format_share_heading
@@ -16,65 +14,12 @@ from nas_data.policies.training_progress import report_training_progress
 from nas_data.reports.experiment_figures import Panel
 from nas_data.runs.stages import INDENT
 from nas_data.studies.experiments.base import Request, ResultTable
-from nas_data.studies.experiments.pipeline.artifacts import NAMES, PHI, PHI_NAMED, PSI, Artifacts
+from nas_data.studies.experiments.pipeline.artifacts import METHODS, Artifacts, list_needed_stages, make_target
 from nas_data.studies.experiments.pipeline.authors import RETURNS
 from nas_data.studies.experiments.pipeline.sizes import Sizes
 from nas_data.studies.experiments.pipeline.stages import describe_stages
 from nas_data.studies.experiments.pipeline.table_notes import describe_paired, describe_target, list_notes
 from nas_data.typed_json import to_json
-
-
-@dataclass(frozen=True)
-class Method:
-    """A method."""
-
-    learned_on: str  # description of its training dynamics, in a few words
-    plant: Callable[[Artifacts], DynamicsSpec]  # its training dynamics
-    needs: tuple[str, ...] = ()  # stages of the artifacts that it needs
-
-
-def make_target(material: Artifacts) -> DynamicsSpec:
-    """Return the target, on which every policy is evaluated."""
-    recipe = material.plan.recipe
-    return DynamicsSpec(recipe.environment, recipe.dynamics, engine=recipe.engine)
-
-
-def add_to_source(
-    material: Artifacts, checkpoint: str | None = None, effects: str | None = None, randomised: bool = False
-) -> DynamicsSpec:
-    """Return the source with something added."""
-    plan = material.plan
-    return DynamicsSpec(plan.recipe.environment, plan.source, checkpoint, effects, randomised=randomised)
-
-
-def make_named_nas(material: Artifacts) -> DynamicsSpec:
-    """Return the source with named effects and φ; one of them alone if the other is empty."""
-    if material.named is None:
-        return add_to_source(material, material.phi)
-    return add_to_source(material, None if material.explained else material.phi_named, material.named)
-
-
-METHODS: Mapping[str, Method] = {
-    EXPERT_METHOD: Method("the target itself", make_target),
-    SOURCE_METHOD: Method("the source", add_to_source),
-    "forward": Method("ψ, with the real reward", lambda m: add_to_source(m, m.psi), (PSI,)),
-    "nas": Method("source + φ", lambda m: add_to_source(m, m.phi), (PHI,)),
-    "named": Method("source + named effects", lambda m: add_to_source(m, effects=m.named), (NAMES,)),
-    "named_nas": Method("source + named effects + φ", make_named_nas, (PHI, NAMES, PHI_NAMED)),
-    "randomised": Method("source, randomised", lambda m: add_to_source(m, randomised=True)),
-}
-
-
-def check_methods(names: Sequence[str], known: Sequence[str]) -> None:
-    """Raise UnknownName if a method does not exist or does not belong to the experiment."""
-    for name in names:
-        if name not in (known or METHODS):
-            raise UnknownName("method", name, known or METHODS)
-
-
-def list_needed_stages(names: Sequence[str]) -> set[str]:
-    """Return the stages that methods need, without their dependencies."""
-    return set[str]().union(*(METHODS[name].needs for name in names))
 
 
 def make_headers(seeds: int) -> tuple[str, ...]:

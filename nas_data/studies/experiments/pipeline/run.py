@@ -13,7 +13,7 @@ from nas_data.errors import OptionError, UnknownName
 from nas_data.runs.environment_info import find_commit, read_versions
 from nas_data.runs.parallel import combine_errors
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request, find_experiment
-from nas_data.studies.experiments.pipeline.compare_methods import METHODS, check_methods
+from nas_data.studies.experiments.pipeline.artifacts import METHODS, check_methods
 from nas_data.typed_json import make_finite
 
 

@@ -30,8 +30,18 @@ from nas_data.policies.learner import PolicyTraining
 from nas_data.policies.result import PolicyResult
 from nas_data.runs.progress import silence
 from nas_data.studies.ablation.subsets import Amount, draw
-from nas_data.studies.experiments.pipeline.artifacts import DATASETS, NAMED, NAMES, PHI, PHI_NAMED, PSI, Artifacts
-from nas_data.studies.experiments.pipeline.compare_methods import METHODS, add_to_source, make_target
+from nas_data.studies.experiments.pipeline.artifacts import (
+    DATASETS,
+    METHODS,
+    NAMED,
+    NAMES,
+    PHI,
+    PHI_NAMED,
+    PSI,
+    Artifacts,
+    add_to_source,
+    make_target,
+)
 from nas_data.studies.experiments.pipeline.learning import ModelJob, read_record, train_model
 from nas_data.studies.experiments.pipeline.pairs import pair_again
 from nas_data.studies.experiments.pipeline.sizes import FOR_FEW

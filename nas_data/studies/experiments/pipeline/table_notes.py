@@ -10,8 +10,7 @@ from nas_data.envs.base import SOURCE, ConsecutiveEdits, Edit, Task
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Comparison
 from nas_data.policies.intervals import FEW
 from nas_data.simulators.engines import ENGINE_NAMES
-from nas_data.studies.experiments.pipeline.artifacts import Artifacts
-from nas_data.studies.experiments.pipeline.compare_methods import METHODS
+from nas_data.studies.experiments.pipeline.artifacts import METHODS, Artifacts
 
 
 def describe_target(material: Artifacts) -> str:
