@@ -19,8 +19,8 @@ from nas_data.envs.loop.arm_vec_env import ArmVecEnv
 from nas_data.errors import OptionError
 from nas_data.models.augmented import AugmentedStepper
 from nas_data.models.lstm import DynamicsModel
-from nas_data.policies.hyperparameters import Hyperparameters
-from nas_data.policies.learner import make_silent_ppo
+from nas_data.policies.policy import Hyperparameters
+from nas_data.policies.ppo import make_silent_ppo
 from nas_data.simulators.mujoco import MujocoSimulator
 
 SUBSTEPS = 5  # of 2 ms

@@ -61,14 +61,7 @@ class BareRollouts:
 
 
 def benchmark(scratch: Path, episodes: int, frames: int, rounds: int) -> BenchmarkResult:
-    """Time `nas pair` from dataset to dataset, `pair()` alone, and the bare rollouts.
-
-    Args:
-        scratch: Empty folder.
-        episodes: Episodes of the dataset.
-        frames: Frames of each episode.
-        rounds: Number of timed rounds.
-    """
+    """Time `nas pair` from dataset to dataset, `pair()` alone, and the bare rollouts."""
     say(f"recording {episodes} episodes of {frames} frames …")
     simulator = MujocoSimulator.load(ROBOT, 1 / RATE)
     recording = record(ROBOT, rate=RATE, episodes=episodes, seconds=frames / RATE, quantum=0.0)

@@ -146,12 +146,6 @@ class Stepwise:
 def benchmark(scratch: Path, episodes: int, frames: int, rounds: int) -> BenchmarkResult:
     """Time both ways of recording the same paired episodes into a LeRobot dataset.
 
-    Args:
-        scratch: Empty folder.
-        episodes: Number of episodes.
-        frames: Frames of each.
-        rounds: Number of timed rounds.
-
     Raises:
         DatasetInvalid: the two ways recorded different values.
     """

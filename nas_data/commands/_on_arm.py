@@ -20,10 +20,9 @@ from nas_data.hardware.xl320.joints import Joints, find_joints, make_ergojr_join
 from nas_data.policies.evaluate import SEED, Returns, format_policy_table
 from nas_data.policies.policy import find_policies, load_policy
 from nas_data.policies.rollouts.arm_setup import SIMULATED, ArmSetup, make_path_planner
-from nas_data.policies.rollouts.evaluation_plan import EvaluationPlan
 from nas_data.policies.rollouts.recorded import Recorder, Saved, saved_as
 from nas_data.policies.rollouts.robot_stepper import RobotStepper, RolloutTally
-from nas_data.policies.rollouts.rollout import roll_out_on_arm
+from nas_data.policies.rollouts.rollout import EvaluationPlan, roll_out_on_arm
 from nas_data.recorders.guarded import Setup
 from nas_data.recorders.schedule import MonotonicClock, SteppedClock
 from nas_data.recorders.stopping import stop_on_signals

@@ -10,8 +10,7 @@ from nas_data.envs.base import Task, find_task_file
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.envs.loop.task_batch import TaskBatch
 from nas_data.errors import CheckpointError, OptionError
-from nas_data.policies.policy import Policy, find_policies, load_policy
-from nas_data.policies.result import PolicyScore
+from nas_data.policies.policy import Policy, PolicyScore, find_policies, load_policy
 from nas_data.simulators.base import Stepper
 from nas_data.text_table import format_table
 from nas_data.typed_json import as_object

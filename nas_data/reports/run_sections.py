@@ -7,7 +7,7 @@ import numpy as np
 
 from nas_data.joint_units import SHARE
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD
-from nas_data.policies.share import compute_share
+from nas_data.policies.intervals import compute_share
 from nas_data.reports.charts import Trace, make_axes, make_axis, make_band, make_dots, make_line
 from nas_data.reports.page import Block, Chart, HtmlTable, PageSection, Text
 from nas_data.reports.runs import NAMED, NAMED_AND_LEARNED, LearningCurve, ModelRun, PolicyRun, collect_scores

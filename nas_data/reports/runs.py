@@ -11,8 +11,15 @@ import numpy as np
 from nas_data.errors import CheckpointError
 from nas_data.joint_units import HINGE, JointUnit, find_display_unit
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD
-from nas_data.policies.policy import CONFIG, PROGRESS, PolicyConfig, TrainedPlant, read_progress
-from nas_data.policies.result import PolicyScore, read_result
+from nas_data.policies.policy import (
+    CONFIG,
+    PROGRESS,
+    PolicyConfig,
+    PolicyScore,
+    TrainedPlant,
+    read_progress,
+    read_result,
+)
 from nas_data.visible_files import list_visible_files
 
 HISTORY, CHECKPOINT = "history.json", "checkpoint"

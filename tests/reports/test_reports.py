@@ -23,6 +23,7 @@ from nas_data.errors import CheckpointError
 from nas_data.joint_units import HINGE, SLIDE
 from nas_data.policies import learner, ppo
 from nas_data.reports.charts import thin
+from nas_data.reports.figures import compute_joint_errors, draw_error_growth, draw_trajectory, quartiles
 from nas_data.reports.page import (
     Chart,
     Facts,
@@ -34,7 +35,6 @@ from nas_data.reports.page import (
     Text,
     is_ours,
 )
-from nas_data.reports.prediction_figures import compute_joint_errors, draw_error_growth, draw_trajectory, quartiles
 from nas_data.reports.run_sections import (
     make_learning_charts,
     make_models_section,

@@ -13,7 +13,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.errors import OptionError
 from nas_data.models.presets import preset
 from nas_data.models.split import select_frames
-from nas_data.reports.ablation_figure import AblationCurve, draw_error_over_amount
+from nas_data.reports.figures import AblationCurve, draw_error_over_amount
 from nas_data.reports.style import to_png
 from nas_data.studies.ablation.executors.base import FOLDER as EXECUTORS
 from nas_data.studies.ablation.executors.base import find_executor

@@ -74,10 +74,6 @@ def draw_link(rng: np.random.Generator, shape: str, before: float, length: float
 def measure_joint_loads(bare: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Return what each joint of an arm without servos carries over random postures.
 
-    Args:
-        bare: MJCF.
-        rng: Source of the postures.
-
     Returns:
         Mean inertia [kg m²] and largest gravity torque [N m], shape (n,) each.
     """

@@ -81,9 +81,6 @@ class EffectSampler:
     def hide(self, script: Script) -> tuple[Truth, CommandSequence, EffectSizes]:
         """Draw what hides until each of it can be seen on the case's own plant.
 
-        Args:
-            script: The episodes that are handed over.
-
         Raises:
             SimulationDiverged: it never can.
         """

@@ -41,10 +41,6 @@ def hash_baseline_code(name: str) -> str:
 def check_code(records: Mapping[Identity, CaseRecord], folder: Path) -> None:
     """Refuse records of other code, before hours are spent.
 
-    Args:
-        records: Finished cases.
-        folder: Where they lie.
-
     Raises:
         OutputExists: some were judged by other code, or by code that they do not name.
     """

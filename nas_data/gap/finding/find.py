@@ -9,9 +9,8 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding.audits import run_audits
 from nas_data.gap.finding.audits.base import Examined
-from nas_data.gap.finding.conditions import ConditionInputs, list_conditions
+from nas_data.gap.finding.conditions import ConditionInputs, find_loads, list_conditions
 from nas_data.gap.finding.joint_gaps import find_joint_gaps
-from nas_data.gap.finding.loads import find_loads
 from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.finding.regimes import find_regimes
 from nas_data.gap.finding.torque_off import keep_torque_on

@@ -1,11 +1,13 @@
-"""HTML page of a gap report."""
+"""HTML page of a gap report, and the files of page and figures."""
 
+import re
 from pathlib import Path
 
+from nas_data.atomic_file import write_atomic
 from nas_data.count_of import join_items
 from nas_data.gap.report import REPORT, GapReport
 from nas_data.gap.report_parts import NamedEffect
-from nas_data.gap.showing.figures import select_models
+from nas_data.gap.showing.figures import draw_all_joints, draw_joint, find_joints_above, select_models
 from nas_data.gap.showing.film import make_film_blocks
 from nas_data.gap.showing.page_charts import (
     draw_errors_over_time,
@@ -25,18 +27,16 @@ from nas_data.gap.showing.page_tables import (
     make_regimes_table,
     make_retuned_table,
 )
-from nas_data.gap.showing.page_verdict import (
+from nas_data.gap.showing.page_words import (
+    as_words,
+    capitalise,
     describe_model,
     describe_rest,
     describe_score_basis,
     describe_slides,
     describe_verdict,
-    format_error,
-)
-from nas_data.gap.showing.page_words import (
-    as_words,
-    capitalise,
     format_effect_title,
+    format_error,
     format_value,
     format_with_si,
     list_remarks,
@@ -44,6 +44,7 @@ from nas_data.gap.showing.page_words import (
 from nas_data.gap.showing.series import Series
 from nas_data.gap.write_model import DIFFERENCE
 from nas_data.reports.page import Block, HtmlPage, ModelDifference, PageSection, Text
+from nas_data.reports.style import to_png
 
 READING = (
     "Gap: every held-out episode is simulated from its first pose with the recorded commands alone (open loop). The "
@@ -186,3 +187,33 @@ def make_next_experiment_blocks(report: GapReport) -> list[Block]:
     if not text:
         return [Text("Nothing in particular: no rival explanation is close enough to be worth an experiment.")]
     return [Text(f"{capitalise(text.rstrip('.'))}."), *make_experiments_table(report)]
+
+
+PAGE, FIGURES = "report.html", "figures"
+
+
+def show(folder: Path) -> Path:
+    """Write figures and page.
+
+    Args:
+        folder: Folder with `report.json` and `series.npz`, and usually `model.xml` and `model.diff`.
+
+    Returns:
+        Path of the page.
+
+    Raises:
+        OptionError: one of the first two files is missing or incomplete.
+    """
+    report, series = GapReport.read(folder / REPORT), Series.read(folder)
+    figures = {"gap_per_joint.png": draw_all_joints(report, series)}
+    for joint in find_joints_above(series):
+        name = re.sub(r"[^\w.-]", "_", series.joints[joint])
+        figures[f"joint_{name}.png"] = draw_joint(report, series, joint)
+    for stale in (folder / FIGURES).glob("*.png"):
+        if stale.name not in figures:
+            stale.unlink()
+    for name, figure in figures.items():
+        write_atomic(folder / FIGURES / name, to_png(figure))
+    path = folder / PAGE
+    write_atomic(path, build_page(report, series, folder).to_html().encode())
+    return path

@@ -96,12 +96,6 @@ class Line:
     def __init__(self, table: StopRegisters, ids: Sequence[int], port: Any, packets: Any) -> None:
         """Take over an open port.
 
-        Args:
-            table: Registers.
-            ids: IDs of the servos.
-            port: The SDK's port handler.
-            packets: The SDK's packet handler.
-
         Raises:
             PortBusy: another program uses the port.
         """

@@ -32,11 +32,7 @@ class Terminal:
     """
 
     def __init__(self, device: Device) -> None:
-        """Open the port.
-
-        Args:
-            device: The simulated device.
-        """
+        """Open the port."""
         self._device = device
         # the slave end stays open, so that the line survives when a driver closes the port
         self._master, self._slave = os.openpty()

@@ -1,4 +1,8 @@
-"""The control table of the XL-320, and the units of its registers; source: ROBOTIS e-manual."""
+"""The control table of the XL-320: addresses, ranges and initial values of the registers, and their units.
+
+Source: ROBOTIS e-manual, XL-320: position 0 … 1023 over 300°, speed 0.111 rpm, load 0.1 %, voltage 0.1 V, temperature
+1 °C, return delay 2 µs.
+"""
 
 import math
 from dataclasses import dataclass

@@ -64,6 +64,7 @@ class Joints:
         return replace(self, offsets=offsets)
 
 
+# Poppy's poppy_ergo_jr.json: IDs 1 to 6, m1 and m4 direct, the others indirect
 DIRECT = {"m1": True, "m2": False, "m3": False, "m4": True, "m5": False, "m6": False}
 
 

@@ -123,10 +123,6 @@ COOL = 50  # [°C] to which an overheated servo must cool down
 def refuse_unfit(name: str, health: Health) -> None:
     """Refuse a servo that has shut down or has a low supply voltage.
 
-    Args:
-        name: Name of the servo in errors.
-        health: Its health.
-
     Raises:
         SupplyLow: the voltage is below 6 V, or the servo reported a voltage error.
         ServoHot, ServoOverloaded: it shut down for that reason.

@@ -136,9 +136,6 @@ class Saved:
     def finish(self, notes: str) -> Path:
         """Save the rollouts as a dataset, and return its folder.
 
-        Args:
-            notes: Notes for the provenance.
-
         Raises:
             OptionError: no rollout is saved.
         """

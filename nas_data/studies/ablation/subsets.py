@@ -99,12 +99,6 @@ def divide(episodes: int, share: float, seed: int) -> tuple[list[int], list[int]
 def draw(dataset: Dataset, train: Sequence[int], amount: Amount, seed: int) -> list[Run]:
     """Draw training data; for equal seeds, smaller amounts are parts of larger ones.
 
-    Args:
-        dataset: Transitions.
-        train: Training episodes.
-        amount: Amount of data.
-        seed: Seed of the draw.
-
     Returns:
         Runs of consecutive frames in their order: whole episodes, or stretches of some.
 

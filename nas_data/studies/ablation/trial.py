@@ -148,12 +148,7 @@ def make_failed_result(error: Exception) -> TrialResult:
 
 
 def learn_and_judge(trial: Trial, folder: Path) -> TrialResult:
-    """Draw the subset, learn from it, and predict the held-out episodes.
-
-    Args:
-        trial: The trial.
-        folder: Empty folder for working files.
-    """
+    """Draw the subset, learn from it, and predict the held-out episodes."""
     lesson, held, runs = prepare(trial, folder)
     data = lesson.data
     with one_thread(), threadpool_limits(1):
@@ -169,12 +164,7 @@ def learn_and_judge(trial: Trial, folder: Path) -> TrialResult:
 
 
 def prepare(trial: Trial, folder: Path) -> tuple[TrainingInput, Dataset, list[Run]]:
-    """Return the input of a kind, the held-out transitions, and the runs of frames of the subset.
-
-    Args:
-        trial: The trial.
-        folder: Empty folder for working files.
-    """
+    """Return the input of a kind, the held-out transitions, and the runs of frames of the subset."""
     config, material = trial.config, trial.material
     dataset = material.read()
     train, held = material.divide(dataset, config.held_out, config.seed)

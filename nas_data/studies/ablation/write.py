@@ -9,7 +9,7 @@ import numpy as np
 
 from nas_data.atomic_file import write_atomic
 from nas_data.joint_units import HINGE, JointUnit
-from nas_data.reports.ablation_figure import AblationCurve, draw_error_over_amount
+from nas_data.reports.figures import AblationCurve, draw_error_over_amount
 from nas_data.reports.style import to_png
 from nas_data.studies.ablation.kinds.base import find_kind
 from nas_data.studies.ablation.summary import JSON, LOOPS, Cell, Spread, SweepSummary
@@ -72,11 +72,6 @@ TABLE, FIGURE = "ablation.md", "ablation.png"
 
 def write(folder: Path, summary: SweepSummary, more: Mapping[str, object]) -> dict[str, Path]:
     """Write all three; the figure only if a trial succeeded.
-
-    Args:
-        folder: Folder of the sweep.
-        summary: Its summary.
-        more: Further entries of the JSON file.
 
     Returns:
         The files by kind.

@@ -15,11 +15,10 @@ from nas_data.metrics import Errors
 from nas_data.models.evaluation import MODEL, Evaluation, evaluate
 from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
-from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare
+from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare, report_training_progress
 from nas_data.policies.evaluate import score_baselines
-from nas_data.policies.hyperparameters import Hyperparameters
 from nas_data.policies.intervals import describe_bootstrap
-from nas_data.policies.training_progress import report_training_progress
+from nas_data.policies.policy import Hyperparameters
 from nas_data.runs.parallel import count_cores, run_jobs
 from nas_data.runs.progress import say
 from nas_data.runs.stages import INDENT, StageResult

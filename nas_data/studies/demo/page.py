@@ -11,13 +11,12 @@ from nas_data.dataset.provenance import format_current_time, read_provenance
 from nas_data.gap.report import GapReport
 from nas_data.gap.showing.page_charts import draw_joint_errors as errors_by_joint
 from nas_data.gap.showing.page_tables import NONE, make_joints_table
-from nas_data.gap.showing.page_verdict import describe_verdict
-from nas_data.gap.showing.page_words import as_words, format_confidence, format_interval, format_value
+from nas_data.gap.showing.page_words import as_words, describe_verdict, format_confidence, format_interval, format_value
 from nas_data.gap.showing.series import Series
 from nas_data.joint_units import HINGE
 from nas_data.reports.charts import make_axis, make_log_axis, make_motion_chart, make_spread
+from nas_data.reports.figures import FLOOR, compute_joint_errors, quartiles
 from nas_data.reports.page import Block, Chart, Facts, HtmlPage, HtmlTable, PageSection, Text
-from nas_data.reports.prediction_figures import FLOOR, compute_joint_errors, quartiles
 from nas_data.reports.run_sections import (
     make_learning_charts,
     make_models_chart,

@@ -12,7 +12,7 @@ from nas_data.errors import OptionError
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Comparison
 from nas_data.policies.evaluate import summarise_spread
 from nas_data.policies.intervals import describe_interval, format_median
-from nas_data.reports.experiment_figures import draw_return_over_count
+from nas_data.reports.figures import draw_return_over_count
 from nas_data.reports.style import to_png
 from nas_data.runs.parallel import run_jobs
 from nas_data.runs.progress import format_duration

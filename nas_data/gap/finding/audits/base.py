@@ -7,7 +7,7 @@ import numpy as np
 
 from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.dataset import Dataset
-from nas_data.gap.finding.loads import Loads
+from nas_data.gap.finding.conditions import Loads
 from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.overlaps import Overlap

@@ -6,12 +6,10 @@ from dataclasses import asdict
 import numpy as np
 
 from nas_data.envs.base import find_task_file
-from nas_data.policies.compare import Comparison, Study, compare
-from nas_data.policies.hyperparameters import Hyperparameters
-from nas_data.policies.intervals import compute_median_interval, describe_interval, format_median
-from nas_data.policies.share import format_share_heading
-from nas_data.policies.training_progress import report_training_progress
-from nas_data.reports.experiment_figures import Panel
+from nas_data.policies.compare import Comparison, Study, compare, report_training_progress
+from nas_data.policies.intervals import compute_median_interval, describe_interval, format_median, format_share_heading
+from nas_data.policies.policy import Hyperparameters
+from nas_data.reports.figures import Panel
 from nas_data.runs.stages import INDENT
 from nas_data.studies.experiments.base import Request, ResultTable
 from nas_data.studies.experiments.pipeline.artifacts import METHODS, Artifacts, list_needed_stages, make_target

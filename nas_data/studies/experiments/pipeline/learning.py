@@ -46,11 +46,6 @@ def train_model(
 ) -> list[dict[str, float]]:
     """Train a model, or resume its training.
 
-    Args:
-        job: The training.
-        report: Called with a line after each validation.
-        choose: Selects the training part of the dataset.
-
     Returns:
         Its history, one row per validation.
     """
@@ -105,14 +100,7 @@ Kept = TypeVar("Kept")
 
 
 def compare_models(dataset: Dataset, source: Simulator, delta: Path, forward: Path) -> Evaluation:
-    """Return the errors of φ, ψ and the trivial baselines on a dataset.
-
-    Args:
-        dataset: Transitions.
-        source: What φ corrects.
-        delta: Checkpoint of φ.
-        forward: Checkpoint of ψ.
-    """
+    """Return the errors of φ, ψ and the trivial baselines on a dataset."""
     phi, psi = (checkpoint.load_frozen(checkpoint.find_checkpoint(folder)) for folder in (delta, forward))
     return combine(evaluate(dataset, source, phi), evaluate(dataset, None, psi), PREDICTORS)
 

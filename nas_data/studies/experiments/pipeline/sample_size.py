@@ -25,9 +25,8 @@ from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.split import select_frames
 from nas_data.policies.compare import Run, do_run
-from nas_data.policies.hyperparameters import Hyperparameters
-from nas_data.policies.learner import PolicyTraining
-from nas_data.policies.result import PolicyResult
+from nas_data.policies.policy import Hyperparameters, PolicyResult
+from nas_data.policies.ppo import PolicyTraining
 from nas_data.runs.progress import silence
 from nas_data.studies.ablation.subsets import Amount, draw
 from nas_data.studies.experiments.pipeline.artifacts import (

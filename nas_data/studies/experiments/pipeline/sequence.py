@@ -9,8 +9,7 @@ from nas_data.dataset.features import POSITION
 from nas_data.dataset.read import read
 from nas_data.joint_units import find_joint_unit
 from nas_data.models.evaluation import Evaluation
-from nas_data.reports.experiment_figures import warn
-from nas_data.reports.prediction_figures import compute_joint_errors, draw_trajectory
+from nas_data.reports.figures import compute_joint_errors, draw_trajectory, warn
 from nas_data.reports.style import to_png
 from nas_data.studies.experiments.base import Request
 from nas_data.studies.experiments.pipeline.artifacts import PHI, PSI, Artifacts
