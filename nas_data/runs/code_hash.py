@@ -133,15 +133,10 @@ def is_ours(module: str) -> bool:
 
 
 def list_gap_modules() -> tuple[str, ...]:
-    """Return the modules that determine a gap report: the workflow, every effect, and every audit of recordings."""
-    return ("nas_data.gap.workflow", *list_effect_modules(), *list_plugin_modules("gap.finding.audits"))
+    """Return the modules that determine a gap report: the workflow, which imports the audits, and every effect."""
+    return ("nas_data.gap.workflow", *list_effect_modules())
 
 
 def list_effect_modules() -> tuple[str, ...]:
     """Return the modules of all effects."""
-    return list_plugin_modules("effects")
-
-
-def list_plugin_modules(folder: str) -> tuple[str, ...]:
-    """Return the modules of a plug-in folder."""
-    return tuple(f"nas_data.{folder}.{name}" for name in registry.list_names(folder))
+    return tuple(f"nas_data.effects.{name}" for name in registry.list_names("effects"))

@@ -45,9 +45,6 @@ class Follower:
 
     torque = M(q) · (a + 2 ω (v − dq/dt) + ω² (r − q)) + bias(q, dq/dt), with a reference r, v, a: Siciliano et al.,
     Robotics, 2009, section 8.5.2.
-
-    Attributes:
-        commands: Torques [N m] that were told, shape (E, T, n).
     """
 
     def __init__(self, arm: NominalArm, references: np.ndarray, period: float) -> None:
@@ -58,7 +55,7 @@ class Follower:
         self.references = references
         self.speeds = np.gradient(references, period, axis=1)
         self.accelerations = np.gradient(self.speeds, period, axis=1)
-        self.commands = np.zeros_like(references)
+        self.commands = np.zeros_like(references)  # torques that were told [N m], shape (E, T, n)
 
     def __call__(self, step: int, states: np.ndarray) -> np.ndarray:
         """Return the torques (E, n) [N m] of one control period for states (E, 2n), rounded as they are stored."""

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from nas_data.count_of import count_of
-from nas_data.gap.finding.audits.excitation import find_constant_commands, find_unmoved_joints, join_chosen
+from nas_data.gap.finding.audits import find_constant_commands, find_unmoved_joints, join_chosen
 from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.finding.regimes import count_episodes_needed
 from nas_data.gap.report_parts import Bin

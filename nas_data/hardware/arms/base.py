@@ -100,14 +100,9 @@ class Health:
 
 
 class Arm(Stoppable, Protocol):
-    """An open arm; its methods raise `ArmError`.
+    """An open arm; its methods raise `ArmError`."""
 
-    Attributes:
-        names: Names of the joints.
-        retries: Readings that needed more than one attempt.
-    """
-
-    retries: int
+    retries: int  # readings that needed more than one attempt
 
     @property
     def names(self) -> tuple[str, ...]:

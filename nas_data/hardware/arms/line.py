@@ -85,13 +85,7 @@ class StopRegisters:
 
 
 class Line:
-    """Servos on an open port; implements `Stoppable`.
-
-    Attributes:
-        port: The SDK's port handler.
-        ids: IDs of the servos.
-        failures: Number of failed transactions.
-    """
+    """Servos on an open port; implements `Stoppable`."""
 
     def __init__(self, table: StopRegisters, ids: Sequence[int], port: Any, packets: Any) -> None:
         """Take over an open port.

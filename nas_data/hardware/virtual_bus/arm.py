@@ -43,14 +43,7 @@ class MountedServo:
 
 
 class VirtualArm:
-    """An arm of servos whose torque is off.
-
-    Attributes:
-        servos: Servos in joint order.
-        kind: Series of the first servo; it defines the bus protocol.
-        chain: The servos on the bus.
-        body: The simulated body.
-    """
+    """An arm of servos whose torque is off."""
 
     def __init__(
         self,

@@ -91,13 +91,6 @@ class SimulatedBody:
 
     Gains and torque limits of servos change the command to the simulator. Without torque the command follows the joint,
     so that only friction acts on it.
-
-    Attributes:
-        servos: One servo per joint.
-        encoders: Conversion between positions and counts.
-        electrics: Supply voltages and temperatures.
-        time: Simulated time [s].
-        renewal: Update period of the servos' readings [s]; 0 for every step.
     """
 
     def __init__(self, simulator: Simulator, robot: Robot, servos: Sequence[VirtualServo], encoders: Encoders) -> None:
@@ -112,8 +105,8 @@ class SimulatedBody:
         self._stepper = simulator.stepper(1)
         self.servos, self.encoders = list(servos), encoders
         self.electrics = Electrics([servo.kind for servo in self.servos])
-        self.time = self._renewed = 0.0
-        self.renewal = 0.0
+        self.time = self._renewed = 0.0  # [s] simulated
+        self.renewal = 0.0  # [s] update period of the servos' readings; 0 for every step
         self._step_time = simulator.period
         self._gain, self._strength = read_gains_and_limits(robot, self.servos)
         self._duty = np.zeros(len(self.servos))

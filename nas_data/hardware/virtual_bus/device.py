@@ -66,12 +66,7 @@ SILENCE = 0.002  # [s] pause after which an incomplete packet is dropped
 
 
 class Device:
-    """A virtual arm with its faults.
-
-    Attributes:
-        arm: Servos and body.
-        clock: Clock of the simulation.
-    """
+    """A virtual arm with its faults."""
 
     def __init__(
         self,

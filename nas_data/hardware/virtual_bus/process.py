@@ -18,11 +18,7 @@ VIRTUAL = "virtual"
 
 
 class VirtualBus:
-    """A running virtual arm; a context manager that stops it.
-
-    Attributes:
-        port: Path of its port.
-    """
+    """A running virtual arm; a context manager that stops it."""
 
     def __init__(self, options: Options) -> None:
         """Start the arm.

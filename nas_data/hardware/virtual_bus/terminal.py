@@ -25,11 +25,7 @@ CHUNK = 4096
 
 
 class Terminal:
-    """A port that any serial program can open.
-
-    Attributes:
-        path: Path of the port.
-    """
+    """A port that any serial program can open."""
 
     def __init__(self, device: Device) -> None:
         """Open the port."""

@@ -17,15 +17,7 @@ from nas_data.hardware.xl320.survey import FoundServo, make_no_answer_error, ref
 
 
 class Xl320Arm:
-    """An arm on a port; a context manager that switches its torque off at the end.
-
-    Attributes:
-        joints: Its joints and servos.
-        configuration: Settings of its servos.
-        bus: Its bus.
-        sequential: Whether servos are read one by one, because they do not support sync read.
-        retries: Readings that needed more than one attempt.
-    """
+    """An arm on a port; a context manager that switches its torque off at the end."""
 
     def __init__(
         self,
@@ -48,8 +40,8 @@ class Xl320Arm:
         self.joints, self.port = joints, port
         self.bus = Bus(open_port(port))
         self._now = now
-        self.sequential = False
-        self.retries = 0
+        self.sequential = False  # whether servos are read one by one, because they do not support sync read
+        self.retries = 0  # readings that needed more than one attempt
         self.configuration = configuration or Configuration()
 
     @property

@@ -83,14 +83,7 @@ class Recorder:
 
 
 class Saved:
-    """Saved rollouts, to which more may be added.
-
-    Attributes:
-        name: Name of the final dataset.
-        growing: The saved episodes.
-        scores: Score of each rollout.
-        tally: Statistics of the recording.
-    """
+    """Saved rollouts, to which more may be added."""
 
     def __init__(self, name: str, growing: IncrementalWriter) -> None:
         """Read the rollouts of an earlier run.

@@ -45,11 +45,6 @@ class RobotStepper:
 
     After a transient bus error the arms stand still and the reading is repeated. It is flagged as late and missed, and
     the schedule continues with the next full period. Only persistent errors are raised.
-
-    Attributes:
-        joints: Names of the commanded joints.
-        size: Batch size, 1.
-        tally: Statistics so far.
     """
 
     def __init__(

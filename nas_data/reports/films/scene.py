@@ -27,12 +27,6 @@ class Scene:
     """The ghosts of an episode in one compiled model; its physics never runs, and nothing in it collides.
 
     What does not move (base, table, floor) is drawn once, with the measured arm.
-
-    Attributes:
-        model: The compiled scene.
-        data: Its posture.
-        owner: Which ghost each body belongs to, shape (nbody,).
-        shown: Which geoms are drawn, shape (ngeom,).
     """
 
     def __init__(self, motion: Motion) -> None:
@@ -42,9 +36,9 @@ class Scene:
             ModelFileError: the models cannot stand in one scene.
         """
         self._postures = np.concatenate([ghost.postures() for ghost in motion.ghosts], axis=1)
-        self.model, self.owner = compose(motion.ghosts)
+        self.model, self.owner = compose(motion.ghosts)  # the owner is each body's ghost, shape (nbody,)
         self.data = mujoco.MjData(self.model)
-        self.shown = paint(self.model, self.owner)
+        self.shown = paint(self.model, self.owner)  # which geoms are drawn, shape (ngeom,)
 
     def __len__(self) -> int:
         """Return the number of frames, T + 1."""

@@ -95,12 +95,7 @@ SUBSTEPS = round(REFRESH / STEP)
 
 
 class PlantState:
-    """What B arms remember: angles and speeds of links and motors, the servos' goals, friction torques.
-
-    Attributes:
-        q: Angles of the links [rad], shape (B, n).
-        v: Speeds of the links [rad/s], shape (B, n).
-    """
+    """What B arms remember: angles and speeds of links and motors, the servos' goals, friction torques."""
 
     def __init__(self, drive: Drive, commands: np.ndarray, period: float, starts: np.ndarray) -> None:
         """Put the arms where they start.
@@ -117,7 +112,7 @@ class PlantState:
         self.drive = drive
         self.commands = self._clip_commands(commands)
         self.period = period
-        self.q, self.v = q + self.ahead * v, v.copy()
+        self.q, self.v = q + self.ahead * v, v.copy()  # of the links [rad, rad/s], shape (B, n)
         self.earlier = self.v  # a refresh ago
         self.angle, self.speed = self.q.copy(), v.copy()
         self.goal = self.commands[:, 0].copy()
