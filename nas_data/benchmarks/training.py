@@ -50,13 +50,7 @@ class Race:
 
     @classmethod
     def run(cls, dataset: Dataset, seed: int, budget: float) -> "Race":
-        """Train all four.
-
-        Args:
-            dataset: Paired episodes.
-            seed: Of weights, split and order.
-            budget: Processor time of the paper's recipe, and of its tuned form [s].
-        """
+        """Train all four; the paper's recipe and its tuned form have a budget of processor time [s] each."""
         paper, tuned = (
             learn(dataset, replace(options, seed=seed), lambda point: point.cpu >= budget) for options in (PAPER, TUNED)
         )

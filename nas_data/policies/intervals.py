@@ -100,15 +100,10 @@ class Share:
 
 
 def compute_share(method: np.ndarray, source: np.ndarray, expert: np.ndarray) -> Share:
-    """Return the relative score of a method between source and expert.
+    """Return the score of a method between source and expert from the returns of their seeds, shape (seeds,).
 
     The interval resamples the seeds of all three. Resamples in which the expert is not better than the source are
     undefined and left out.
-
-    Args:
-        method: Return of each seed, shape (seeds,).
-        source: Returns of policies trained in the source, shape (seeds,).
-        expert: Returns of policies that learned on the target.
     """
     start, end = float(np.median(source)), float(np.median(expert))
     if end - start <= NOTHING * max(1.0, abs(start), abs(end)):
@@ -154,12 +149,7 @@ class ReturnRange:
 
 
 def compute_return_range(source: np.ndarray, expert: np.ndarray) -> ReturnRange:
-    """Return the difference of the expert's and the source's returns.
-
-    Args:
-        source: Return of each seed, shape (seeds,).
-        expert: Returns of policies that learned on the target.
-    """
+    """Return the difference of the expert's and the source's returns, shape (seeds,)."""
     rng = np.random.default_rng(0)
     low, high = np.quantile(resample_medians(expert, rng) - resample_medians(source, rng), ENDS)
     least = NOTHING * max(1.0, float(abs(np.median(source))), float(abs(np.median(expert))))

@@ -75,12 +75,7 @@ class Learner:
     SEGMENT = 10  # rollouts; under ten seconds of work is lost when a training is killed
 
     def __init__(self, training: PolicyTraining, stepper: Stepper) -> None:
-        """Build networks and environment.
-
-        Args:
-            training: The training.
-            stepper: The plant's simulations, one per arm.
-        """
+        """Build networks and environment on the plant's simulations, one per arm."""
         p = training.hyperparameters
         self.training = training
         self.arms = ArmVecEnv(training.plant.task, stepper)

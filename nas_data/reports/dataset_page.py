@@ -81,10 +81,7 @@ SHOWN = 3  # episodes that are drawn
 
 
 def read_page(folder: Path) -> HtmlPage:
-    """Return the page of a dataset.
-
-    Args:
-        folder: A version's, or `datasets/NAME` for the newest version.
+    """Return the page of a dataset: of a version's folder, or of `datasets/NAME`, its newest version.
 
     Raises:
         DatasetNotFound: there is none.

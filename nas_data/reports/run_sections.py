@@ -137,12 +137,7 @@ def make_target_chart(groups: Mapping[str, Sequence[PolicyRun]]) -> list[Chart]:
 def make_policies_table(
     groups: Mapping[str, Sequence[PolicyRun]], extra: Mapping[str, Mapping[str, float]]
 ) -> HtmlTable:
-    """Return the policies' scores on the target, or how they ended training where none was judged.
-
-    Args:
-        groups: Policies of each method.
-        extra: Mean return and success rate of what needs no learning, by name.
-    """
+    """Return the policies' scores on the target, or of training where none was judged; extra needs no learning."""
     judged = any(len(collect_scores(runs)) for runs in groups.values())
     headers = ["learned on", "return: median", "success", "lowest … highest", "seeds", "distance closed"]
     rows = [make_method_row(method, runs, groups, judged) for method, runs in groups.items()]

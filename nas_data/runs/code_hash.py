@@ -97,12 +97,7 @@ def is_text(node: object) -> bool:
 
 
 def walk_statements(node: ast.AST, deep: bool) -> Iterator[ast.stmt]:
-    """Yield the statements inside a part of the code, without those for type checkers.
-
-    Args:
-        node: A module, a statement, or a branch of one.
-        deep: Whether to include statements inside functions.
-    """
+    """Yield the statements of a module or statement, not those for type checkers; deep: those in functions, too."""
     aside = isinstance(node, ast.If) and "TYPE_CHECKING" in (getattr(node.test, key, "") for key in ("id", "attr"))
     for block in BLOCKS[1:] if aside else BLOCKS:
         for part in getattr(node, block, ()):

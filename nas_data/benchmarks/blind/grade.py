@@ -156,11 +156,7 @@ class CaseGrade(NamesGrade):
 
 
 def grade_names(answer: SealedAnswer, report: Mapping[str, object]) -> CaseGrade:
-    """Compare a report with the answer of its case.
-
-    Args:
-        answer: The sealed answer.
-        report: Content of `report.json`.
+    """Compare the content of a `report.json` with the sealed answer of its case.
 
     Raises:
         DatasetInvalid: the report does not have the contract's form.

@@ -24,12 +24,7 @@ SLACK = 1e-9  # relative rounding error of equal sums
 
 
 def compute_paired_chance(differences: np.ndarray, rng: np.random.Generator) -> float:
-    """Return the two-sided p-value of a mean difference under random signs.
-
-    Args:
-        differences: One per episode, shape (E,).
-        rng: Samples signs if they cannot be enumerated.
-    """
+    """Return the two-sided p-value of the mean of differences (E,) under random signs, sampled if too many."""
     count = len(differences)
     if not count:
         return 1.0
@@ -42,13 +37,7 @@ def compute_paired_chance(differences: np.ndarray, rng: np.random.Generator) -> 
 
 
 def compute_grouped_chance(values: np.ndarray, chosen: np.ndarray, rng: np.random.Generator) -> float:
-    """Return the two-sided p-value of a difference of means under random labels.
-
-    Args:
-        values: One per episode, shape (E,).
-        chosen: Whether an episode is in the bin, shape (E,).
-        rng: Samples labels if they cannot be enumerated.
-    """
+    """Return the two-sided p-value of the difference between chosen (E,) and other values (E,) under random labels."""
     count, size = len(values), int(chosen.sum())
     if not 0 < size < count:
         return 1.0
@@ -69,12 +58,7 @@ def _compute_p_value(sums: np.ndarray, found: float, exact: bool) -> float:
 
 
 def correct_holm(chances: np.ndarray, level: float = LEVEL) -> np.ndarray:
-    """Return which of m tests are significant by Holm's correction, shape (m,).
-
-    Args:
-        chances: p-value of each test, shape (m,).
-        level: Probability of a single false alarm among all.
-    """
+    """Return which of m tests with p-values (m,) are significant at a level by Holm's correction, shape (m,)."""
     order = np.argsort(chances, kind="stable")
     passed = chances[order] <= level / np.arange(len(chances), 0, -1)
     result = np.zeros(len(chances), bool)

@@ -193,10 +193,7 @@ PAGE, FIGURES = "report.html", "figures"
 
 
 def show(folder: Path) -> Path:
-    """Write figures and page.
-
-    Args:
-        folder: Folder with `report.json` and `series.npz`, and usually `model.xml` and `model.diff`.
+    """Write figures and page of a folder with `report.json`, `series.npz`, and usually `model.xml` and `model.diff`.
 
     Returns:
         Path of the page.

@@ -102,12 +102,7 @@ class Series:
         return int(self.squares(self.before)[:, joint].argmax())
 
     def in_time(self, predicted: np.ndarray, window: float) -> np.ndarray:
-        """Return the RMS error over joints of the first kind and a sliding window, shape (E, T); NaN after the end.
-
-        Args:
-            predicted: Positions [rad; m], shape (E, T, n).
-            window: Length of the window [s], which averages rounding errors.
-        """
+        """Return the RMS error over joints of the first kind and a window [s], shape (E, T); NaN after the end."""
         errors = np.where(self.counts[..., None], predicted - self.measured, 0.0)
         width = max(1, min(len(self.time), round(window / self.period)))
         box = np.ones(width)

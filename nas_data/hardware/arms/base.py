@@ -61,10 +61,7 @@ def make_safe(arm: Stoppable) -> str:
 
 
 def open_for_guard(options: Mapping[str, object]) -> Stoppable:
-    """Open an arm in order to stop it.
-
-    Args:
-        options: Under `opener` a function as `module:function`; the other entries are its arguments.
+    """Open an arm to stop it: `opener` names a function `module:function`, the other options are its arguments.
 
     Raises:
         ArmError: the port cannot be opened.

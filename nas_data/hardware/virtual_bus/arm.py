@@ -71,12 +71,7 @@ class VirtualArm:
 
     @classmethod
     def ergojr(cls, effects: Sequence[Effect] = (), offsets: Sequence[int] = ()) -> Self:
-        """Create an ErgoJr with factory settings and IDs 1 to 6.
-
-        Args:
-            effects: Effects of the simulated arm that its model lacks.
-            offsets: Mounting offset of each servo's horn [ticks]; zero if empty.
-        """
+        """Create an ErgoJr with factory settings, effects, and offsets of its horns [ticks], zero if empty."""
         joints = make_ergojr_joints(tuple(-offset for offset in offsets))
         robot = replace(find_robot("ergojr"), edit=_extend_limits)
         encoders = Encoders(joints.signs, joints.zeros, np.full(len(joints.ids), TICK))

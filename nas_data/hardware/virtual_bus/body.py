@@ -37,12 +37,10 @@ class Electrics:
         self._strained: np.ndarray = np.zeros(len(self.kinds))
 
     def advance(self, duty: np.ndarray, strain: np.ndarray, seconds: float) -> None:
-        """Advance voltages, temperatures and stall times.
+        """Advance voltages, temperatures and stall times by some seconds.
 
-        Args:
-            duty: Signed share of the largest torque of each servo, shape (n,).
-            strain: Duty above which each servo counts as stalled, shape (n,).
-            seconds: Time step [s].
+        The duty is the signed share of the largest torque of each servo, the strain that above which it counts as
+        stalled, shape (n,) each.
         """
         current = IDLE_CURRENT + self._stall * np.abs(duty)
         self.voltage = np.maximum(0.0, self.supply - SUPPLY_RESISTANCE * float(current.sum()))

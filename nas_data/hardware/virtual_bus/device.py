@@ -40,13 +40,7 @@ class LockStep:
     """Lock-step time: each goal sent to all servos advances it by a control period. For tests without waiting."""
 
     def __init__(self, protocol: PacketProtocol, goal: int, period: float) -> None:
-        """Start at zero.
-
-        Args:
-            protocol: Packet protocol of the servos.
-            goal: Address of the goal register.
-            period: Time between two goals [s].
-        """
+        """Start at zero; a period [s] passes between two writes to the address of the goal register."""
         self._protocol, self._goal, self._period = protocol, goal, period
         self._time = 0.0
 
@@ -114,11 +108,7 @@ class Device:
             fault.apply(self.arm)
 
     def receive(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
-        """Process received bytes.
-
-        Args:
-            data: Received bytes.
-            now: Monotonic time [s]; bytes after a pause begin a new packet.
+        """Process bytes received at a monotonic time [s]; bytes after a pause begin a new packet.
 
         Returns:
             Delay from now [s] and bytes of each reply, in ascending order of the delays.
@@ -161,11 +151,7 @@ def compute_transmission_time(count: int, baud: int) -> float:
 
 
 def transmit(replies: Sequence[Reply], baud: int) -> list[tuple[float, bytes]]:
-    """Transmit replies.
-
-    Args:
-        replies: Replies in the order in which the servos send them.
-        baud: Baud rate [bit/s].
+    """Transmit replies, in the order in which the servos send them, at a baud rate [bit/s].
 
     Returns:
         Time of the last byte after the end of the instruction [s], and bytes, of each transmission.

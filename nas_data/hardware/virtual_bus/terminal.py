@@ -37,11 +37,7 @@ class Terminal:
         self.path = os.ttyname(self._slave)
 
     def serve(self, orders: int) -> None:
-        """Serve until the stream of orders ends or a fault disconnects the adapter.
-
-        Args:
-            orders: File descriptor of lines such as `fault unplugged:servo=3`, `repair`, and `count`.
-        """
+        """Serve until the orders end (lines `fault NAME`, `repair`, `count`), or a fault disconnects the adapter."""
         with contextlib.suppress(LineGone):
             while self._serve_once(orders):
                 self._device.advance()

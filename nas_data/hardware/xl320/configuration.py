@@ -29,12 +29,7 @@ class Configuration:
             raise OptionError(f"The torque limit is {self.torque}; it must be a share above 0 and up to 1.")
 
     def write(self, bus: Bus, identity: int, limits: tuple[int, int]) -> None:
-        """Write the settings of one servo; its torque is off afterwards.
-
-        Args:
-            bus: Bus of the servo.
-            identity: ID of the servo.
-            limits: Lowest and highest goal [ticks].
+        """Write the settings and limits (lowest and highest goal [ticks]) of one servo; its torque is off afterwards.
 
         Raises:
             ArmError: the servo refuses a setting.

@@ -70,11 +70,7 @@ DIRECT = {"m1": True, "m2": False, "m3": False, "m4": True, "m5": False, "m6": F
 
 @cache
 def make_ergojr_joints(offsets: tuple[int, ...] = ()) -> Joints:
-    """Return the joints of the ErgoJr, with the limits of its model.
-
-    Args:
-        offsets: Zero offsets [ticks]; zero if empty.
-    """
+    """Return the joints of the ErgoJr, with the limits of its model and zero offsets [ticks], zero if empty."""
     from nas_data.robots.ergojr import ROBOT
     from nas_data.simulators.limits import command_limits
 
@@ -104,11 +100,7 @@ def default_path(robot: str, name: str) -> Path:
 
 
 def compute_zero_offsets(joints: Joints, raw: np.ndarray) -> tuple[int, ...]:
-    """Return the zero offsets [ticks] of an arm that is in its zero pose.
-
-    Args:
-        joints: The arm's joints.
-        raw: Readings of the servos [ticks], shape (n,).
+    """Return the zero offsets of an arm in its zero pose from the readings of its servos, shape (n,) [ticks].
 
     Raises:
         OptionError: an offset is too large: a horn was mounted wrongly, or the arm is not in its zero pose.

@@ -178,12 +178,9 @@ class RobotStepper:
                 motion.command(pose)
 
     def _avoid_contact(self, goal: np.ndarray) -> np.ndarray:
-        """Return the goal, with the safe pose for arms that would collide.
+        """Return the goal [rad], shape (n,) or (2n,), with the safe pose for arms that would collide.
 
         The attacker is stopped first, then the defender instead, then both.
-
-        Args:
-            goal: Command of the attacker, then of a defender [rad], shape (n,) or (2n,).
         """
         n = len(self.joints)
         here, velocities = self._measured()

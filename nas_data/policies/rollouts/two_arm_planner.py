@@ -27,21 +27,12 @@ class TwoArmPlanner:
     """Plans paths of an attacker and a defender; poses [rad], shape (2n,), have the attacker's joints first."""
 
     def __init__(self, alone: PathPlanner, together: Sequence[PathPlanner]) -> None:
-        """Set the collision checks.
-
-        Args:
-            alone: Planner of a single arm.
-            together: Planners of both arms, the largest clearance first; the first one that finds a path is used.
-        """
+        """Set the planner of one arm, and those of both, largest clearance first; the first with a path counts."""
         self._alone, self._together = alone, together
         self._attacker = np.arange(2 * len(alone.rest)) < len(alone.rest)
 
     def find(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """Find a collision-free path.
-
-        Args:
-            begin: Present pose [rad], shape (2n,).
-            end: Target pose [rad], shape (2n,).
+        """Find a collision-free path between two poses [rad], shape (2n,).
 
         Returns:
             Waypoints [rad], shape (k, 2n). One arm moves between two of them, straight in joint space. The last one

@@ -24,12 +24,7 @@ class NamedSource:
 
 
 def name_effects(data: Dataset, source: SourceModel, root: Path) -> NamedSource:
-    """Name the effects that a source lacks.
-
-    Args:
-        data: Transitions; a third of the episodes is held out.
-        source: Source without effects of its own.
-        root: Folder of their dataset, for names and error messages.
+    """Name the effects that a source without effects lacks; a third of the episodes is held out.
 
     Raises:
         NasError: the episodes are too few or too short.

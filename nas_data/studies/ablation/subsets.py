@@ -81,12 +81,7 @@ Run = tuple[int, int]  # first frame, and the frame after the last
 
 
 def divide(episodes: int, share: float, seed: int) -> tuple[list[int], list[int]]:
-    """Draw the held-out episodes, the same for all trials of a seed.
-
-    Args:
-        episodes: Number of episodes, at least two.
-        share: Share to hold out; at least one episode is held out, and one is left.
-        seed: Seed of the draw.
+    """Draw a share of two or more episodes to hold out, the same for all trials of a seed; one at least is left.
 
     Returns:
         Training episodes and held-out episodes, each in order.

@@ -124,13 +124,7 @@ class SweepProgress:
     """Progress of a sweep: each result as it arrives, and the remaining time."""
 
     def __init__(self, waiting: Sequence[Config], workers: int, total: int) -> None:
-        """Start counting.
-
-        Args:
-            waiting: Trials to run.
-            workers: Number of parallel trials.
-            total: Number of trials of the sweep, finished ones included.
-        """
+        """Start counting the waiting trials of so many in total, finished ones included."""
         self.waiting = list(waiting)
         self.workers = max(1, min(workers, len(waiting)))
         self.total = total

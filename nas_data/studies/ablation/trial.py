@@ -83,12 +83,7 @@ class Trial:
 
 
 def hash_trial_code(kind: str, source: SourceModel | None) -> str:
-    """Return the hash of the code that draws the subset, learns from it and evaluates the result.
-
-    Args:
-        kind: Name of the kind.
-        source: Plain source; None if there is none.
-    """
+    """Return the hash of the code that draws the subset, learns from it, with a source if any, and evaluates."""
     effects = list_effect_modules() if find_kind(kind).names else ()  # every effect that may be named
     moves = () if source is None else source.modules()
     return hash_code(__name__, f"nas_data.{FOLDER}.{kind}", *moves, *effects)

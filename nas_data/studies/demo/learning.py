@@ -72,12 +72,7 @@ def learn_models(demo: Demo) -> StageResult:
 
 
 def with_names(evaluation: Evaluation, named: Evaluation) -> Evaluation:
-    """Return an evaluation that includes the source with named effects.
-
-    Args:
-        evaluation: Evaluation of φ, ψ and the baselines.
-        named: Evaluation of the source with named effects, on the same episodes.
-    """
+    """Return an evaluation of φ, ψ and baselines with that of the source with named effects on the same episodes."""
     renamed = Evaluation(
         {NAMES: named.one_step["source"]},
         {NAMES: named.open_loop["source"]},

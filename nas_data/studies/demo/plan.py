@@ -147,12 +147,7 @@ STAGES = (
 
 
 def run_demo(plan: DemoPlan, folder: Path, report: Report) -> dict[str, Done]:
-    """Run the unfinished stages.
-
-    Args:
-        plan: Sizes of the demo.
-        folder: Folder of all results; finished stages are kept.
-        report: Called with lines of progress.
+    """Run the unfinished stages in a folder that keeps the finished ones.
 
     Raises:
         OutputExists: the folder holds something else, or a demo of other sizes.

@@ -50,12 +50,9 @@ class PlantBody(Hideable, Servos, Links):
         return body
 
     def hang(self, mass: float, length: float, heading: float) -> None:
-        """Hang a weight from the last link's centre of mass: one more link, a rod on a pin.
+        """Hang a weight [kg] on a rod [m] from the last link's centre of mass: one more link, on a pin.
 
-        Args:
-            mass: Of the weight at the rod's end [kg].
-            length: Of the rod [m].
-            heading: Direction of the pin, as an angle about the last joint's axis [rad].
+        The heading [rad] is the direction of the pin, as an angle about the last joint's axis.
         """
         axis = self.axes[-1]
         across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])

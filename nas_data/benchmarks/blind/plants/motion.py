@@ -75,10 +75,8 @@ class Drive(Hideable, Servos):
     def transmitted(self, lead: np.ndarray, rate: np.ndarray, inertia: np.ndarray) -> np.ndarray:
         """Return the torque from motor to link where they turn apart [N m].
 
-        Args:
-            lead: Motor's minus link's angle [rad].
-            rate: Its derivative [rad/s].
-            inertia: What a link opposes to its own motor [kg m²].
+        It depends on the motor's lead over the link [rad] with its rate [rad/s], and on the inertia that a link opposes
+        to its own motor [kg m²].
         """
         beyond = lead - clip_symmetric(lead, self.play)
         flank = np.minimum(self.flank, np.minimum(inertia, self.armature) * STOP_RATE**2)
@@ -182,12 +180,10 @@ class PlantState:
         self.angle = angle + STEP * self.speed
 
     def _apply_friction(self, free: np.ndarray, mobility: np.ndarray, budget: np.ndarray) -> np.ndarray:
-        """Return speeds after friction, which stops each joint or gives its whole budget.
+        """Return speeds (B, n) [rad/s] after friction, which stops each joint or gives its whole budget (B, n) [N m].
 
-        Args:
-            free: Speeds without friction [rad/s], shape (B, n).
-            mobility: Speed that a unit torque gives in this step, shape (B, n, n).
-            budget: Largest friction torque [N m], shape (B, n).
+        The speeds without friction are (B, n), the mobility, speed that a unit torque gives in this step, is (B, n, n);
+        projected Gauss-Seidel, joint by joint.
 
         Returns:
             Speeds [rad/s], shape (B, n); projected Gauss-Seidel, joint by joint.
