@@ -13,7 +13,7 @@ from nas_data.dataset.features import make_position_feature, make_state_feature
 from nas_data.hardware.virtual_bus.process import VIRTUAL, port_of
 from nas_data.hardware.xl320.arm import Xl320, Xl320Arm
 from nas_data.hardware.xl320.joints import compute_zero_offsets, read_calibration, write_calibration
-from nas_data.hardware.xl320.configuration import Configuration
+from nas_data.hardware.xl320.arm import Configuration
 from nas_data.hardware.xl320.joints import make_ergojr_joints
 from nas_data.hardware.xl320.joints import Joints
 from nas_data.recorders.arm_motion import ArmMotion

@@ -14,8 +14,7 @@ from nas_data.dataset.provenance import Provenance
 from nas_data.envs.base import Task, find_task
 from nas_data.errors import ArmError, OptionError
 from nas_data.hardware.virtual_bus.process import VIRTUAL, port_of
-from nas_data.hardware.xl320.arm import Xl320
-from nas_data.hardware.xl320.configuration import Configuration
+from nas_data.hardware.xl320.arm import Configuration, Xl320
 from nas_data.hardware.xl320.joints import Joints, find_joints, make_ergojr_joints
 from nas_data.policies.evaluate import SEED, Returns, format_policy_table
 from nas_data.policies.policy import find_policies, load_policy

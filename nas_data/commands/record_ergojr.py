@@ -11,7 +11,7 @@ from nas_data.errors import OptionError
 
 if TYPE_CHECKING:
     from nas_data.hardware.arms.base import Driver
-    from nas_data.hardware.xl320.configuration import Configuration
+    from nas_data.hardware.xl320.arm import Configuration
     from nas_data.hardware.xl320.joints import Joints
     from nas_data.robots.base import Robot
 
@@ -89,7 +89,7 @@ class RecordErgojr(RecordArm):
         return "virtual XL-320 servos"
 
     def _configuration(self) -> "Configuration":
-        from nas_data.hardware.xl320.configuration import Configuration
+        from nas_data.hardware.xl320.arm import Configuration
 
         return Configuration(
             p_gain=self.p_gain, i_gain=self.i_gain, d_gain=self.d_gain, speed=self.speed, torque=self.torque

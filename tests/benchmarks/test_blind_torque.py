@@ -21,8 +21,8 @@ from nas_data.benchmarks.blind.arms import NominalArm
 from nas_data.benchmarks.blind.benchmark import BlindPlan, run
 from nas_data.benchmarks.blind.case import Base, CommandSequence, Hidden, Identity, Truth, find_equivalents
 from nas_data.benchmarks.blind.draw import draw_case
-from nas_data.benchmarks.blind.following import find_reach
 from nas_data.benchmarks.blind.grade import ConfidenceGrade, grade_names
+from nas_data.benchmarks.blind.machines import find_reach
 from nas_data.benchmarks.blind.plants.base import find_plant, make_chain
 from nas_data.benchmarks.blind.plants.constants import Constants
 from nas_data.benchmarks.blind.plants.hiding import PlantBody, stack_arms

@@ -19,8 +19,7 @@ from nas_data.hardware.arms.line import LENIENCE
 from nas_data.hardware.virtual_bus.faults import list_faults, parse
 from nas_data.hardware.virtual_bus.process import VirtualBus
 from nas_data.hardware.virtual_bus.terminal import Options
-from nas_data.hardware.xl320.arm import Reading, Xl320Arm
-from nas_data.hardware.xl320.configuration import Configuration
+from nas_data.hardware.xl320.arm import Configuration, Reading, Xl320Arm
 from nas_data.hardware.xl320.control_table import (
     CENTRE,
     REGISTERS,

@@ -20,7 +20,7 @@ from nas_data.studies.ablation.executors.base import find_executor
 from nas_data.studies.ablation.judging import TrainingData, TrialResult
 from nas_data.studies.ablation.kinds.base import FOLDER as KINDS
 from nas_data.studies.ablation.kinds.base import ModelKind, find_kind
-from nas_data.studies.ablation.subsets import Amount, divide, draw, parse
+from nas_data.studies.ablation.material import Amount, divide, draw, parse
 from nas_data.studies.ablation.summary import ENOUGH, Spread, SweepSummary
 from nas_data.studies.ablation.trial import Config
 from nas_data.studies.ablation.write import format_markdown, format_table, make_rows, write

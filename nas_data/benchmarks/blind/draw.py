@@ -24,7 +24,7 @@ from nas_data.benchmarks.blind.case import (
     Truth,
 )
 from nas_data.benchmarks.blind.catalogue import EVERYWHERE
-from nas_data.benchmarks.blind.following import FollowingSession, find_reach
+from nas_data.benchmarks.blind.machines import FollowingSession, find_reach
 from nas_data.benchmarks.blind.plants.base import find_plant
 from nas_data.benchmarks.blind.plants.constants import Constants
 from nas_data.benchmarks.blind.settings.base import CaseSetting, find_setting

@@ -126,7 +126,7 @@ class PacketReader(ABC):
             del self._bytes[:start]
             if len(self._bytes) < self.prefix:
                 return None
-            length = self.parse_length(self._bytes)
+            length = self.parse_length(bytes(self._bytes[: self.prefix]))
             if length is not None:
                 break
             del self._bytes[0]

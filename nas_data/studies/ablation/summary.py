@@ -12,7 +12,7 @@ from nas_data.errors import OptionError
 from nas_data.joint_units import HINGE, JointUnit, find_display_unit
 from nas_data.studies.ablation.judging import BASELINES, TrialResult
 from nas_data.studies.ablation.kinds.base import find_kind
-from nas_data.studies.ablation.subsets import Amount, Unit
+from nas_data.studies.ablation.material import Amount, Unit
 from nas_data.studies.ablation.trial import Config
 
 JSON = "ablation.json"

@@ -9,7 +9,7 @@ import numpy as np
 from mujoco import minimize
 
 from nas_data.benchmarks.blind.baselines.base import Claim, RecordedCase, claim
-from nas_data.benchmarks.blind.resimulate import Delivered, find_actuators
+from nas_data.benchmarks.blind.fresh import Delivered, find_actuators
 from nas_data.simulators.layout import FULLPHYSICS, Layout
 from nas_data.simulators.rest_states import RestStates
 

@@ -16,8 +16,7 @@ from nas_data.benchmarks.blind.catalogue import (
     read_torque_limits,
 )
 from nas_data.benchmarks.blind.designs import draw_log_uniform
-from nas_data.benchmarks.blind.following import draw_references, find_reach
-from nas_data.benchmarks.blind.machines import USUAL, draw_machine
+from nas_data.benchmarks.blind.machines import USUAL, draw_machine, draw_references, find_reach
 from nas_data.benchmarks.blind.plants.constants import Constants
 from nas_data.benchmarks.blind.settings.base import CaseSetting
 

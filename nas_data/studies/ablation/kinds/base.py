@@ -16,7 +16,7 @@ from nas_data.simulators.base import Simulator
 from nas_data.sources import SourceModel
 
 if TYPE_CHECKING:
-    from nas_data.studies.ablation.naming import NamedSource  # what only trains does not depend on the search
+    from nas_data.studies.ablation.kinds.named import NamedSource  # what only trains does not depend on the search
 
 FOLDER = "studies.ablation.kinds"
 

@@ -28,7 +28,7 @@ from nas_data.policies.compare import Run, do_run
 from nas_data.policies.policy import Hyperparameters, PolicyResult
 from nas_data.policies.ppo import PolicyTraining
 from nas_data.runs.progress import silence
-from nas_data.studies.ablation.subsets import Amount, draw
+from nas_data.studies.ablation.material import Amount, draw
 from nas_data.studies.experiments.pipeline.artifacts import (
     DATASETS,
     METHODS,
