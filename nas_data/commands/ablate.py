@@ -77,8 +77,7 @@ class Ablate(TakesModel):
         """Check, sweep and summarise."""
         from nas_data.runs.environment_info import find_commit
         from nas_data.studies.ablation import summary, write
-        from nas_data.studies.ablation.executors.base import find_executor
-        from nas_data.studies.ablation.sweep import check, open_sweep, run_sweep
+        from nas_data.studies.ablation.sweep import check, find_executor, open_sweep, run_sweep
 
         if self.workers < 1:
             raise OptionError(f"--workers is {self.workers}; at least one is needed.")

@@ -24,7 +24,6 @@ from nas_data.pairing import check_fits, check_source
 from nas_data.runs.progress import format_duration
 from nas_data.simulators.engines import ENGINES
 from nas_data.sources import SourceModel
-from nas_data.studies.ablation.executors.base import Executor
 from nas_data.studies.ablation.judging import TrialResult
 from nas_data.studies.ablation.kinds.base import FOLDER, ModelKind, find_kind
 from nas_data.studies.ablation.kinds.named import read_named
@@ -34,6 +33,19 @@ from nas_data.typed_json import from_json
 from nas_data.visible_files import list_visible_files
 
 SWEEP, LOCK = "sweep.json", ".lock"
+EXECUTORS = "studies.ablation.executors"
+# runs a function on each trial, so many at a time; yields each result with its trial's number as it comes
+Executor = Callable[[Callable[[Trial], TrialResult], Sequence[Trial], int], Iterator[tuple[int, TrialResult]]]
+
+
+def find_executor(name: str) -> Executor:
+    """Return an executor by its name.
+
+    Raises:
+        UnknownName: there is no such executor; lists those there are.
+    """
+    executor: Executor = registry.import_plugin(EXECUTORS, name, "executor").run
+    return executor
 
 
 @dataclass(frozen=True)
