@@ -64,17 +64,12 @@ class Race:
     def seconds(self) -> Mapping[str, tuple[float, float]]:
         """Return the processor and elapsed time [s] of each side."""
         return {
-            "paper": measure_training_time(self.paper[-1]),
-            "tuned": measure_training_time(self.tuned[-1]),
+            "paper": (self.paper[-1].cpu, self.paper[-1].wall),
+            "tuned": (self.tuned[-1].cpu, self.tuned[-1].wall),
             "nas, to paper's loss": find_time_to_loss(self.fast, self.paper[-1].loss),
             "nas, to tuned's loss": find_time_to_loss(self.fast, self.tuned[-1].loss),
             "recipe, to paper's loss": find_time_to_loss(self.recipe, self.paper[-1].loss),
         }
-
-
-def measure_training_time(point: Point) -> tuple[float, float]:
-    """Return the processor and elapsed time [s] of a whole training."""
-    return point.cpu, point.wall
 
 
 def benchmark(scratch: Path, episodes: int, budget: int, seeds: int) -> BenchmarkResult:

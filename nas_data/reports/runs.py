@@ -129,7 +129,7 @@ def find_runs(paths: Iterable[Path]) -> Runs:
         found = {
             file.parent: read_model(file.parent)
             for file in list_visible_files(path, f"**/{HISTORY}")
-            if is_model(file.parent)
+            if (file.parent / CHECKPOINT / CONFIG).is_file()  # else the history is something else's
         }
         learned = {file.parent: read_policy(file.parent) for file in list_visible_files(path, f"**/{PROGRESS}")}
         if not found and not learned:
@@ -139,11 +139,6 @@ def find_runs(paths: Iterable[Path]) -> Runs:
         models |= {folder.resolve(): run for folder, run in found.items()}
         policies |= {folder.resolve(): run for folder, run in learned.items()}
     return Runs(list(models.values()), list(policies.values()))
-
-
-def is_model(folder: Path) -> bool:
-    """Whether a folder with a history is a training's, and not something else's."""
-    return (folder / CHECKPOINT / CONFIG).is_file()
 
 
 def read_model(folder: Path) -> ModelRun:

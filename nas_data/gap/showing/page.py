@@ -61,8 +61,9 @@ def read_page(folder: Path) -> HtmlPage:
 
 def build_page(report: GapReport, series: Series, folder: Path) -> HtmlPage:
     """Return the page; model difference and film are included if their files exist."""
+    slides = describe_slides(report)
     sections = [
-        PageSection("", make_verdict_blocks(report)),
+        PageSection("", [Text(describe_verdict(report), lead=True), *([Text(slides)] if slides else [])]),
         PageSection("What to change", make_change_blocks(report, folder)),
         PageSection("How the gap shrinks", make_error_blocks(report, series)),
         PageSection("Where the gap is", make_place_blocks(report)),
@@ -76,12 +77,6 @@ def build_page(report: GapReport, series: Series, folder: Path) -> HtmlPage:
         PageSection("How to read this page", [Text(line) for line in (*READING, describe_score_basis(report))]),
     ]
     return HtmlPage(f"Gap report of {describe_model(report)}", [section for section in sections if section.blocks])
-
-
-def make_verdict_blocks(report: GapReport) -> list[Block]:
-    """Return the verdict."""
-    slides = describe_slides(report)
-    return [Text(describe_verdict(report), lead=True), *([Text(slides)] if slides else [])]
 
 
 def make_place_blocks(report: GapReport) -> list[Block]:

@@ -19,7 +19,7 @@ class LineGone(Exception):
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """Base of the faults; the class `AB` is the fault `a_b`."""
+    """Base of the faults; the class `AB`, or `ABFault` where another class is called so, is the fault `a_b`."""
 
     after: float = 0.0  # time after the start of the bus at which it begins [s]
 
@@ -70,7 +70,7 @@ class Unplugged(Fault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DuplicateId(Fault):
+class DuplicateIdFault(Fault):
     """Two servos have the same ID and answer at the same time."""
 
     servo: int = 4  # ID of the servo before
@@ -85,7 +85,7 @@ class DuplicateId(Fault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class WrongModel(Fault):
+class WrongModelFault(Fault):
     """The arm contains a servo of another series."""
 
     servo: int = 5  # its ID
@@ -241,7 +241,7 @@ class Zeroed(Fault):
 
 def list_faults() -> dict[str, type[Fault]]:
     """Return every class of faults by its name."""
-    return {to_snake_case(kind.__name__): kind for kind in Fault.__subclasses__()}
+    return {to_snake_case(kind.__name__.removesuffix("Fault")): kind for kind in Fault.__subclasses__()}
 
 
 def parse(text: str) -> Fault:

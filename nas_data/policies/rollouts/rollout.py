@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -118,9 +118,4 @@ class EvaluationPlan:
 
 def concatenate_scores(scores: Sequence[Returns]) -> Returns:
     """Concatenate the scores of episodes."""
-    return Returns(
-        returns=np.concatenate([score.returns for score in scores]),
-        successes=np.concatenate([score.successes for score in scores]),
-        lengths=np.concatenate([score.lengths for score in scores]),
-        diverged=np.concatenate([score.diverged for score in scores]),
-    )
+    return Returns(*(np.concatenate([getattr(score, part.name) for score in scores]) for part in fields(Returns)))
