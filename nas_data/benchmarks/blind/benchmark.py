@@ -69,7 +69,13 @@ def run(plan: BlindPlan, out: Path, investigate: Investigate, report: Callable[[
         OutputExists: finished cases were judged by other code.
     """
     plan.check()
-    judge, identities = Judge(investigate, plan.baselines, plan.keep), plan.identities()
+    return run_cases(list(plan.identities()), Judge(investigate, plan.baselines, plan.keep), out, report)
+
+
+def run_cases(
+    identities: Sequence[Identity], judge: Judge, out: Path, report: Callable[[str], None]
+) -> list[CaseRecord]:
+    """Run those of some cases that are not finished yet and return the records of all; see `run`."""
     paths = {identity: out / RESULTS / f"{identity.name}.json" for identity in identities}
     known = {identity: record for identity, path in paths.items() if (record := CaseRecord.read(path)) is not None}
     check_code(known, out)
