@@ -85,7 +85,7 @@ def one_thread() -> Iterator[None]:
 @pytest.fixture
 def small_ppo(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let commands that train policies learn from rollouts of 256 frames."""
-    from nas_data.policies.hyperparameters import Hyperparameters
+    from nas_data.policies.policy import Hyperparameters
 
     small = Hyperparameters(arms=4, rollout=256, minibatches=2, epochs=1)
     monkeypatch.setattr(Hyperparameters.__init__, "__defaults__", astuple(small))

@@ -11,11 +11,14 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 from lerobot_robot_ergojr.config_ergojr import ErgoJrConfig
 from nas_data.dataset.features import make_position_feature, make_state_feature
 from nas_data.hardware.virtual_bus.process import VIRTUAL, port_of
-from nas_data.hardware.xl320.arm import Xl320, Xl320Arm
-from nas_data.hardware.xl320.calibration import compute_zero_offsets, read_calibration, write_calibration
-from nas_data.hardware.xl320.configuration import Configuration
-from nas_data.hardware.xl320.ergojr import make_ergojr_joints
-from nas_data.hardware.xl320.joints import Joints
+from nas_data.hardware.xl320.arm import Configuration, Xl320, Xl320Arm
+from nas_data.hardware.xl320.joints import (
+    Joints,
+    compute_zero_offsets,
+    make_ergojr_joints,
+    read_calibration,
+    write_calibration,
+)
 from nas_data.recorders.arm_motion import ArmMotion
 from nas_data.recorders.guarded import GuardedArm, Setup
 from nas_data.recorders.path_planner import PathPlanner

@@ -10,7 +10,7 @@ from lerobot.utils.errors import DeviceNotConnectedError
 from lerobot_robot_ergojr.config_ergojr import ErgoJrExcitationConfig
 from nas_data.dataset.features import make_position_feature
 from nas_data.excitations.base import parse
-from nas_data.hardware.xl320.ergojr import make_ergojr_joints
+from nas_data.hardware.xl320.joints import make_ergojr_joints
 from nas_data.recorders.arm_plan import RETURN, MotionPlan, draw_plan
 from nas_data.recorders.session import PlaybackProtocol
 from nas_data.robots.ergojr import JOINTS, RATE, ROBOT

@@ -15,9 +15,9 @@ from nas_data.count_of import count_of
 from nas_data.environment_ids import make_environment_id
 from nas_data.envs.base import find_task_file
 from nas_data.errors import CheckpointError, JointMismatch, OptionError
-from nas_data.policies.learner import make_ppo
 from nas_data.policies.policy import CLIP, EPSILON, MEAN, VARIANCE, Policy, find_policies
 from nas_data.policies.policy import load_policy as read_policy
+from nas_data.policies.ppo import make_ppo
 
 EXTRACTOR = "features_extractor"  # ends the name of the modules that normalise, of which actor and critic share one
 

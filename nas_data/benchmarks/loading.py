@@ -6,10 +6,8 @@ from pathlib import Path
 from torch.utils.data import DataLoader
 
 from nas_data.api.recording import record
-from nas_data.benchmarks.bulk import pair_folder, write_version
-from nas_data.benchmarks.lerobot import lerobot, open_dataset
-from nas_data.benchmarks.result import BenchmarkResult
-from nas_data.benchmarks.rounds import Ratio, take_turns
+from nas_data.benchmarks.datasets import lerobot, open_dataset, pair_folder, write_version
+from nas_data.benchmarks.result import BenchmarkResult, Ratio, take_turns
 from nas_data.dataset.read import read
 from nas_data.dataset.transitions import as_transitions
 from nas_data.models.episodes import read_episodes

@@ -10,9 +10,8 @@ import mujoco.rollout
 import numpy as np
 
 from nas_data.api.recording import record
-from nas_data.benchmarks.bulk import pair_folder, write_version
-from nas_data.benchmarks.result import BenchmarkResult
-from nas_data.benchmarks.rounds import Ratio, take_turns
+from nas_data.benchmarks.datasets import pair_folder, write_version
+from nas_data.benchmarks.result import BenchmarkResult, Ratio, take_turns
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
 from nas_data.pairing import pair
@@ -27,19 +26,13 @@ OURS, MEMORY, BARE = "nas pair", "pair() in memory", "bare mujoco.rollout"
 
 @dataclass(frozen=True)
 class BareRollouts:
-    """The rollouts that pairing needs; everything else is done beforehand.
+    """The rollouts that pairing needs; everything else is done beforehand."""
 
-    Attributes:
-        model: Compiled source.
-        substeps: Physics steps per control step.
-        chunks: Full initial states (B, size) and controls (B, substeps, nu) of each call.
-        threads: Threads of the pool.
-    """
-
-    model: mujoco.MjModel
-    substeps: int
+    model: mujoco.MjModel  # compiled source
+    substeps: int  # physics steps per control step
+    # full initial states (B, size) and controls (B, substeps, nu) of each call
     chunks: tuple[tuple[np.ndarray, np.ndarray], ...]
-    threads: int
+    threads: int  # threads of the pool
 
     @classmethod
     def of(cls, simulator: MujocoSimulator, dataset: Dataset) -> "BareRollouts":
@@ -68,14 +61,7 @@ class BareRollouts:
 
 
 def benchmark(scratch: Path, episodes: int, frames: int, rounds: int) -> BenchmarkResult:
-    """Time `nas pair` from dataset to dataset, `pair()` alone, and the bare rollouts.
-
-    Args:
-        scratch: Empty folder.
-        episodes: Episodes of the dataset.
-        frames: Frames of each episode.
-        rounds: Number of timed rounds.
-    """
+    """Time `nas pair` from dataset to dataset, `pair()` alone, and the bare rollouts."""
     say(f"recording {episodes} episodes of {frames} frames …")
     simulator = MujocoSimulator.load(ROBOT, 1 / RATE)
     recording = record(ROBOT, rate=RATE, episodes=episodes, seconds=frames / RATE, quantum=0.0)

@@ -11,10 +11,8 @@ import numpy as np
 from gymnasium import spaces
 
 from nas_data.api.recording import record
-from nas_data.benchmarks.bulk import pair_folder, write_version
-from nas_data.benchmarks.lerobot import create, lerobot
-from nas_data.benchmarks.result import BenchmarkResult
-from nas_data.benchmarks.rounds import Ratio, take_turns
+from nas_data.benchmarks.datasets import create, lerobot, pair_folder, write_version
+from nas_data.benchmarks.result import BenchmarkResult, Ratio, take_turns
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION, NEXT_STATE, SIM_STATE, STATE, TIME
 from nas_data.dataset.read import read
@@ -85,17 +83,11 @@ class GymArm(gymnasium.Env[np.ndarray, np.ndarray]):
 
 @dataclass(frozen=True)
 class Bulk:
-    """Our way: the work of both commands, up to a paired version on disk.
+    """Our way: the work of both commands, up to a paired version on disk."""
 
-    Attributes:
-        folder: Folder of the versions.
-        episodes: Number of episodes.
-        seconds: Length of each [s].
-    """
-
-    folder: Path
-    episodes: int
-    seconds: float
+    folder: Path  # folder of the versions
+    episodes: int  # number of episodes
+    seconds: float  # length of each [s]
 
     def record(self, name: str) -> Path:
         """Record and pair; return the paired version."""
@@ -106,21 +98,13 @@ class Bulk:
 
 @dataclass(frozen=True)
 class Stepwise:
-    """The usual way: target and source as environments; the source is set to each measured state, frame by frame.
+    """The usual way: target and source as environments; the source is set to each measured state, frame by frame."""
 
-    Attributes:
-        folder: Folder of the datasets.
-        kind: LeRobot's dataset class.
-        reference: Dataset with the commands of each episode.
-        target: Robot with its effects.
-        source: Plain robot.
-    """
-
-    folder: Path
-    kind: "type[LeRobotDataset]"
-    reference: Dataset
-    target: GymArm
-    source: GymArm
+    folder: Path  # folder of the datasets
+    kind: "type[LeRobotDataset]"  # LeRobot's dataset class
+    reference: Dataset  # dataset with the commands of each episode
+    target: GymArm  # robot with its effects
+    source: GymArm  # plain robot
 
     @classmethod
     def of(cls, folder: Path, kind: "type[LeRobotDataset]", reference: Dataset) -> "Stepwise":
@@ -161,12 +145,6 @@ class Stepwise:
 
 def benchmark(scratch: Path, episodes: int, frames: int, rounds: int) -> BenchmarkResult:
     """Time both ways of recording the same paired episodes into a LeRobot dataset.
-
-    Args:
-        scratch: Empty folder.
-        episodes: Number of episodes.
-        frames: Frames of each.
-        rounds: Number of timed rounds.
 
     Raises:
         DatasetInvalid: the two ways recorded different values.

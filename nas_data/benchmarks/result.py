@@ -1,27 +1,124 @@
-"""Result of a benchmark: a table of times, the ratios, and the hardware."""
+"""Result of a benchmark: every side timed once a round, so that other load affects all; ratios, and the hardware."""
 
-from collections.abc import Mapping
+import os
+import platform
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import Literal
 
-from nas_data.benchmarks.hardware import read_hardware
-from nas_data.benchmarks.rounds import Ratio, Times
+from nas_data.dataset.provenance import read_package_versions
+from nas_data.runs.parallel import count_cores
+from nas_data.runs.progress import say
 from nas_data.text_table import align_columns
 from nas_data.typed_json import as_object
+
+CPUINFO = Path("/proc/cpuinfo")
+
+
+@dataclass(frozen=True)
+class Hardware:
+    """The machine of a benchmark."""
+
+    processor: str  # its model
+    cores: int  # number of usable cores
+    load: float  # load average
+    system: str  # operating system and architecture
+    versions: Mapping[str, str]  # versions of Python and of the packages
+
+
+def read_hardware() -> Hardware:
+    """Return the hardware of this machine, and its load."""
+    return Hardware(
+        processor=read_processor_model(),
+        cores=count_cores(),
+        load=round(os.getloadavg()[0], 1),
+        system=f"{platform.system()} {platform.machine()}",
+        versions=read_package_versions(),
+    )
+
+
+def read_processor_model() -> str:
+    """Return the processor model; the architecture if the model is unknown."""
+    if CPUINFO.is_file():
+        for line in CPUINFO.read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
+
+
+Work = Callable[[], int]
+
+
+@dataclass(frozen=True)
+class Times:
+    """Times of one side."""
+
+    wall: tuple[float, ...]  # elapsed time per frame of each round [s]
+    cpu: tuple[float, ...]  # processor time of all threads per frame of each round [s]
+
+
+def take_turns(sides: Mapping[str, Work], rounds: int) -> dict[str, Times]:
+    """Time several ways of the same work.
+
+    Each side runs once beforehand without timing, for imports, caches and compilers. The order is reversed after each
+    round.
+
+    Args:
+        sides: Name of a side → its work, which returns the number of frames.
+        rounds: Number of timed rounds.
+    """
+    found: dict[str, list[tuple[float, float]]] = {name: [] for name in sides}
+    for number in range(rounds + 1):
+        for name in list(sides) if number % 2 else reversed(list(sides)):
+            begun, spent = time.perf_counter(), time.process_time()
+            frames = sides[name]()
+            took = (time.perf_counter() - begun) / frames, (time.process_time() - spent) / frames
+            if number:
+                found[name].append(took)
+                say(f"round {number} of {rounds}: {name} {took[0] * 1e6:.4g} µs a frame")
+    return {name: Times(tuple(wall for wall, _ in took), tuple(cpu for _, cpu in took)) for name, took in found.items()}
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """Speed of one side relative to another."""
+
+    name: str  # its name in `--json`, for example `pairing_vs_rollout`
+    ours: str  # name of our side
+    other: str  # name of the other side
+    wanted: float | None = None  # required ratio; None if there is none
+    # `wall`, or `cpu` if other load on the machine would dominate the elapsed time
+    clock: Literal["wall", "cpu"] = "wall"
+
+    def values(self, times: Mapping[str, Times]) -> list[float]:
+        """Return the other time divided by ours for each round; above 1 our side is faster."""
+        ours, other = (getattr(times[side], self.clock) for side in (self.ours, self.other))
+        return [theirs / mine for mine, theirs in zip(ours, other, strict=True)]
+
+    def of(self, times: Mapping[str, Times]) -> float:
+        """Return the median over the rounds."""
+        return median(self.values(times))
+
+    def describe(self, times: Mapping[str, Times]) -> str:
+        """Return the ratio with its spread as a sentence."""
+        values = self.values(times)
+        bar = "" if self.wanted is None else f", at least {self.wanted:.2g} is wanted"
+        return (
+            f"{self.name} {self.of(times):.3g}, between {min(values):.3g} and {max(values):.3g} "
+            f"in {len(values)} rounds{' of processor time' if self.clock == 'cpu' else ''}{bar}"
+        )
 
 
 @dataclass(frozen=True)
 class Unit:
-    """Unit of times.
+    """Unit of times."""
 
-    Attributes:
-        heading: Heading of tables.
-        key: Key in JSON.
-        factor: Factor from seconds.
-    """
-
-    heading: str
-    key: str
-    factor: float
+    heading: str  # heading of tables
+    key: str  # key in JSON
+    factor: float  # factor from seconds
 
 
 MICROSECONDS_A_FRAME = Unit("µs a frame", "microseconds_per_frame", 1e6)
@@ -30,21 +127,13 @@ SECONDS = Unit("seconds", "seconds", 1.0)
 
 @dataclass(frozen=True)
 class BenchmarkResult:
-    """Result of a benchmark.
+    """Result of a benchmark."""
 
-    Attributes:
-        title: Description of the work.
-        times: Name of each side → its times.
-        ratios: Ratios; the first is the main one.
-        notes: Notes on the limits of the numbers.
-        unit: Unit of the times.
-    """
-
-    title: str
-    times: Mapping[str, Times]
-    ratios: tuple[Ratio, ...]
-    notes: tuple[str, ...] = ()
-    unit: Unit = MICROSECONDS_A_FRAME
+    title: str  # description of the work
+    times: Mapping[str, Times]  # name of each side → its times
+    ratios: tuple[Ratio, ...]  # ratios; the first is the main one
+    notes: tuple[str, ...] = ()  # notes on the limits of the numbers
+    unit: Unit = MICROSECONDS_A_FRAME  # unit of the times
 
     def to_text(self) -> str:
         """Return title, times per frame of each round, ratios and hardware as text."""

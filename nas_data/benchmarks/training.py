@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from nas_data.api.recording import record
-from nas_data.benchmarks.bulk import pair_folder, write_version
-from nas_data.benchmarks.result import SECONDS, BenchmarkResult
-from nas_data.benchmarks.rounds import Ratio, Times
+from nas_data.benchmarks.datasets import pair_folder, write_version
+from nas_data.benchmarks.result import SECONDS, BenchmarkResult, Ratio, Times
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
 from nas_data.envs.ergo_reacher import TASK
@@ -30,17 +29,11 @@ WANTED_TUNED = 1.0
 
 @dataclass(frozen=True)
 class Point:
-    """The end of an epoch.
+    """The end of an epoch."""
 
-    Attributes:
-        cpu: Processor time since the start of the training [s], without validations.
-        wall: Elapsed time [s], without validations.
-        loss: Best one-step error on the held-out episodes so far, mean square in units of the target's spread.
-    """
-
-    cpu: float
-    wall: float
-    loss: float
+    cpu: float  # processor time since the start of the training [s], without validations
+    wall: float  # elapsed time [s], without validations
+    loss: float  # best one-step error on the held-out episodes so far, mean square in units of the target's spread
 
 
 Curve = tuple[Point, ...]
@@ -48,29 +41,16 @@ Curve = tuple[Point, ...]
 
 @dataclass(frozen=True)
 class Race:
-    """The trainings of one seed, on the same split of the same episodes.
+    """The trainings of one seed, on the same split of the same episodes."""
 
-    Attributes:
-        paper: The paper's recipe, stopped when its budget was spent.
-        tuned: The same with a tenth of its learning rate.
-        fast: Our preset, stopped when it was as good as both.
-        recipe: How our preset trains, on the paper's network.
-    """
-
-    paper: Curve
-    tuned: Curve
-    fast: Curve
-    recipe: Curve
+    paper: Curve  # the paper's recipe, stopped when its budget was spent
+    tuned: Curve  # the same with a tenth of its learning rate
+    fast: Curve  # our preset, stopped when it was as good as both
+    recipe: Curve  # how our preset trains, on the paper's network
 
     @classmethod
     def run(cls, dataset: Dataset, seed: int, budget: float) -> "Race":
-        """Train all four.
-
-        Args:
-            dataset: Paired episodes.
-            seed: Of weights, split and order.
-            budget: Processor time of the paper's recipe, and of its tuned form [s].
-        """
+        """Train all four; the paper's recipe and its tuned form have a budget of processor time [s] each."""
         paper, tuned = (
             learn(dataset, replace(options, seed=seed), lambda point: point.cpu >= budget) for options in (PAPER, TUNED)
         )
@@ -84,17 +64,12 @@ class Race:
     def seconds(self) -> Mapping[str, tuple[float, float]]:
         """Return the processor and elapsed time [s] of each side."""
         return {
-            "paper": measure_training_time(self.paper[-1]),
-            "tuned": measure_training_time(self.tuned[-1]),
+            "paper": (self.paper[-1].cpu, self.paper[-1].wall),
+            "tuned": (self.tuned[-1].cpu, self.tuned[-1].wall),
             "nas, to paper's loss": find_time_to_loss(self.fast, self.paper[-1].loss),
             "nas, to tuned's loss": find_time_to_loss(self.fast, self.tuned[-1].loss),
             "recipe, to paper's loss": find_time_to_loss(self.recipe, self.paper[-1].loss),
         }
-
-
-def measure_training_time(point: Point) -> tuple[float, float]:
-    """Return the processor and elapsed time [s] of a whole training."""
-    return point.cpu, point.wall
 
 
 def benchmark(scratch: Path, episodes: int, budget: int, seeds: int) -> BenchmarkResult:

@@ -14,18 +14,14 @@ from nas_data.dataset.provenance import Provenance
 from nas_data.envs.base import Task, find_task
 from nas_data.errors import ArmError, OptionError
 from nas_data.hardware.virtual_bus.process import VIRTUAL, port_of
-from nas_data.hardware.xl320.arm import Xl320
-from nas_data.hardware.xl320.calibration import find_joints
-from nas_data.hardware.xl320.configuration import Configuration
-from nas_data.hardware.xl320.ergojr import make_ergojr_joints
-from nas_data.hardware.xl320.joints import Joints
+from nas_data.hardware.xl320.arm import Configuration, Xl320
+from nas_data.hardware.xl320.joints import Joints, find_joints, make_ergojr_joints
 from nas_data.policies.evaluate import SEED, Returns, format_policy_table
 from nas_data.policies.policy import find_policies, load_policy
 from nas_data.policies.rollouts.arm_setup import SIMULATED, ArmSetup, make_path_planner
-from nas_data.policies.rollouts.evaluation_plan import EvaluationPlan
 from nas_data.policies.rollouts.recorded import Recorder, Saved, saved_as
 from nas_data.policies.rollouts.robot_stepper import RobotStepper, RolloutTally
-from nas_data.policies.rollouts.rollout import roll_out_on_arm
+from nas_data.policies.rollouts.rollout import EvaluationPlan, roll_out_on_arm
 from nas_data.recorders.guarded import Setup
 from nas_data.recorders.schedule import MonotonicClock, SteppedClock
 from nas_data.recorders.stopping import stop_on_signals
@@ -42,15 +38,10 @@ FORWARD_KINEMATICS = (
 
 @dataclass(frozen=True)
 class OnArm:
-    """Evaluation of policies on an arm.
+    """Evaluation of policies on an arm."""
 
-    Attributes:
-        options: The command with its options.
-        port: Port of the arm's adapter.
-    """
-
-    options: "PolicyEvaluate"
-    port: str
+    options: "PolicyEvaluate"  # the command with its options
+    port: str  # port of the arm's adapter
 
     @property
     def ids(self) -> tuple[str, str]:

@@ -13,7 +13,7 @@ from nas_data.runs.progress import report_elapsed, say
 
 if TYPE_CHECKING:
     from nas_data.models.presets import TrainingOptions
-    from nas_data.studies.ablation.amount import Amount
+    from nas_data.studies.ablation.material import Amount
     from nas_data.studies.ablation.sweep import SweepPlan
 
 HEARTBEAT = 30.0  # [s] between two signs of life while trials run
@@ -76,10 +76,8 @@ class Ablate(TakesModel):
     def run(self) -> CommandResult:
         """Check, sweep and summarise."""
         from nas_data.runs.environment_info import find_commit
-        from nas_data.studies.ablation import summary, table, write
-        from nas_data.studies.ablation.checks import check
-        from nas_data.studies.ablation.executors.base import find_executor
-        from nas_data.studies.ablation.sweep import open_sweep, run_sweep
+        from nas_data.studies.ablation import summary, write
+        from nas_data.studies.ablation.sweep import check, find_executor, open_sweep, run_sweep
 
         if self.workers < 1:
             raise OptionError(f"--workers is {self.workers}; at least one is needed.")
@@ -102,7 +100,7 @@ class Ablate(TakesModel):
         files = write.write(self.out, found, more)
         failed = [f"failed: {sentence}" for sentence in found.failed]
         text = [
-            table.format_table(found),
+            write.format_table(found),
             "",
             found.sentence(),
             *failed,
@@ -113,8 +111,7 @@ class Ablate(TakesModel):
     def _plan(self) -> "SweepPlan":
         """Read the options."""
         from nas_data.dataset import versions
-        from nas_data.studies.ablation.amount import split_words
-        from nas_data.studies.ablation.material import SweepData
+        from nas_data.studies.ablation.material import SweepData, split_words
         from nas_data.studies.ablation.sweep import SweepPlan
 
         test = versions.resolve(self.test) if self.test else None
@@ -135,8 +132,7 @@ class Ablate(TakesModel):
         """Return how much each trial learns from; `all` episodes as their number, so that no trial is done twice."""
         from dataclasses import replace
 
-        from nas_data.studies.ablation.amount import parse
-        from nas_data.studies.ablation.subsets import divide
+        from nas_data.studies.ablation.material import divide, parse
 
         if self.counts and self.minutes:
             raise OptionError("Give either --counts or --minutes, not both.")

@@ -11,17 +11,11 @@ JsonValue = None | bool | int | float | str | list["JsonValue"] | dict[str, "Jso
 
 @dataclass(frozen=True)
 class CommandResult:
-    """What a command did.
+    """What a command did."""
 
-    Attributes:
-        text: What a person reads; names where the result lies.
-        data: The same for machines, printed by `--json`.
-        ok: False where the command worked but its answer is "no" (a failed verification): exit code 1.
-    """
-
-    text: str
-    data: Mapping[str, object] = field(default_factory=dict)
-    ok: bool = True
+    text: str  # what a person reads; names where the result lies
+    data: Mapping[str, object] = field(default_factory=dict)  # the same for machines, printed by `--json`
+    ok: bool = True  # False where the command worked but its answer is "no" (a failed verification): exit code 1
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,8 +26,7 @@ class Demo(Command):
 
     def run(self) -> CommandResult:
         """Run every stage that is not done yet."""
-        from nas_data.studies.demo.pipeline import run_demo
-        from nas_data.studies.demo.plan import FULL, QUICK
+        from nas_data.studies.demo.plan import FULL, QUICK, run_demo
 
         plan = QUICK if self.quick else FULL
         results = run_demo(plan if self.names else replace(plan, named=0), self.out, say)

@@ -41,7 +41,10 @@ class Diff(Command):
             a, b = Original.read(self.a), Original.read(self.b)
             found = compare_datasets(a.dataset, b.dataset, (a.provenance, b.provenance))
         verdict = "have equal content" if found.equal_content else "differ"
-        lines = [f"A {a.root} and", f"B {b.root} {verdict}.", *describe_content(found), *describe_provenance(found)]
+        origins = [
+            f"  provenance {key}: {shorten(a)} in A, {shorten(b)} in B" for key, (a, b) in found.provenance.items()
+        ]
+        lines = [f"A {a.root} and", f"B {b.root} {verdict}.", *describe_content(found), *origins]
         return CommandResult("\n".join(lines), {"a": a.root, "b": b.root, **found.to_json()}, found.equal_content)
 
 
@@ -78,12 +81,6 @@ def list_first(items: tuple[int, ...] | list[str]) -> str:
     """List the first few items."""
     rest = len(items) - SHOWN
     return ", ".join(str(item) for item in items[:SHOWN]) + (f" and {rest} more" if rest > 0 else "")
-
-
-def describe_provenance(found: "Difference") -> Iterator[str]:
-    """Say what differs in where the datasets come from."""
-    for key, (a, b) in found.provenance.items():
-        yield f"  provenance {key}: {shorten(a)} in A, {shorten(b)} in B"
 
 
 def shorten(value: object) -> str:

@@ -21,7 +21,7 @@ class GapShow(Command):
     def run(self) -> CommandResult:
         """Draw and write."""
         from nas_data.errors import OptionError
-        from nas_data.gap.showing.show import show
+        from nas_data.gap.showing.page import show
 
         if not (self.report / "report.json").is_file():
             raise OptionError(

@@ -8,7 +8,7 @@ from nas_data.commands.base import Command, CommandResult
 from nas_data.errors import OptionError
 
 if TYPE_CHECKING:
-    from nas_data.policies.learner import PolicyTraining
+    from nas_data.policies.ppo import PolicyTraining
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +93,7 @@ class PolicyTrain(Command):
             raise OptionError(f"--seed {' '.join(map(str, self.seed))}: give different numbers, 0 or more.")
         from nas_data.envs.base import SOURCE
         from nas_data.envs.loop.dynamics_spec import DynamicsSpec
-        from nas_data.policies.learner import PolicyTraining
+        from nas_data.policies.ppo import PolicyTraining
 
         plant = DynamicsSpec(
             environment=self.env,

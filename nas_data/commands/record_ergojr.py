@@ -11,7 +11,7 @@ from nas_data.errors import OptionError
 
 if TYPE_CHECKING:
     from nas_data.hardware.arms.base import Driver
-    from nas_data.hardware.xl320.configuration import Configuration
+    from nas_data.hardware.xl320.arm import Configuration
     from nas_data.hardware.xl320.joints import Joints
     from nas_data.robots.base import Robot
 
@@ -89,15 +89,14 @@ class RecordErgojr(RecordArm):
         return "virtual XL-320 servos"
 
     def _configuration(self) -> "Configuration":
-        from nas_data.hardware.xl320.configuration import Configuration
+        from nas_data.hardware.xl320.arm import Configuration
 
         return Configuration(
             p_gain=self.p_gain, i_gain=self.i_gain, d_gain=self.d_gain, speed=self.speed, torque=self.torque
         )
 
     def _joints(self) -> "Joints":
-        from nas_data.hardware.xl320.calibration import find_joints
-        from nas_data.hardware.xl320.ergojr import make_ergojr_joints
+        from nas_data.hardware.xl320.joints import find_joints, make_ergojr_joints
 
         if self.virtual and not self.calibration:
             return make_ergojr_joints()

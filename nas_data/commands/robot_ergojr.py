@@ -50,8 +50,7 @@ class RobotErgojr(Command):
         """Look, and do what is asked for."""
         from nas_data.hardware.virtual_bus.process import VIRTUAL, port_of
         from nas_data.hardware.xl320.arm import Xl320Arm
-        from nas_data.hardware.xl320.calibration import default_path, find_joints
-        from nas_data.hardware.xl320.ergojr import make_ergojr_joints
+        from nas_data.hardware.xl320.joints import default_path, find_joints, make_ergojr_joints
 
         path = self.calibration or (None if self.port == VIRTUAL else default_path(NAME, self.id))
         joints = make_ergojr_joints()
@@ -91,7 +90,7 @@ class RobotErgojr(Command):
         """Store the present pose as zero."""
         import numpy as np
 
-        from nas_data.hardware.xl320.calibration import compute_zero_offsets, write_calibration
+        from nas_data.hardware.xl320.joints import compute_zero_offsets, write_calibration
 
         raw = np.array([arm.bus.get(identity, "present_position") for identity in arm.joints.ids])
         joints = arm.joints.with_offsets(compute_zero_offsets(arm.joints, raw))

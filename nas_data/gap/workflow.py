@@ -19,7 +19,7 @@ from nas_data.gap.output_folder import check_output_folder, clear_report
 from nas_data.gap.problem import Problem
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_parts import GapFindings, MadeFrom
-from nas_data.gap.showing.show import show
+from nas_data.gap.showing.page import show
 from nas_data.gap.write_model import write_difference
 from nas_data.mjcf.export import check_portable
 from nas_data.robots.base import TORQUES

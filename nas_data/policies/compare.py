@@ -1,7 +1,8 @@
 """Comparison of methods on one target: each method and seed is one run with one JSON file, done once."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -9,17 +10,22 @@ import numpy as np
 
 from nas_data.count_of import count_of
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
-from nas_data.errors import OptionError, SimulationDiverged
+from nas_data.errors import CheckpointError, OptionError, SimulationDiverged
 from nas_data.policies.evaluate import score_policy, summarise_spread
-from nas_data.policies.hyperparameters import Hyperparameters
-from nas_data.policies.learner import PolicyTraining
-from nas_data.policies.policy import load_policy, read_progress
-from nas_data.policies.ppo import check_folder, train
-from nas_data.policies.result import DivergedEpisodes, EvaluationTime, PolicyResult, read_result
-from nas_data.policies.share import ReturnRange, Share, compute_return_range, compute_share, format_share_heading
+from nas_data.policies.intervals import ReturnRange, Share, compute_return_range, compute_share, format_share_heading
+from nas_data.policies.policy import (
+    DivergedEpisodes,
+    EvaluationTime,
+    Hyperparameters,
+    PolicyResult,
+    load_policy,
+    read_progress,
+    read_result,
+)
+from nas_data.policies.ppo import PolicyTraining, check_folder, train
 from nas_data.runs.code_hash import hash_code
 from nas_data.runs.parallel import run_jobs
-from nas_data.runs.progress import Report, say, silence
+from nas_data.runs.progress import Report, format_duration, repeating, say, silence
 from nas_data.text_table import format_table
 
 SOURCE_METHOD, EXPERT_METHOD = "source", "expert"  # the lower and upper reference of the relative score
@@ -27,25 +33,15 @@ SOURCE_METHOD, EXPERT_METHOD = "source", "expert"  # the lower and upper referen
 
 @dataclass(frozen=True)
 class Study:
-    """A comparison of methods.
+    """A comparison of methods."""
 
-    Attributes:
-        target: Dynamics on which all policies are evaluated.
-        methods: Dynamics on which each method trains.
-        seeds: Seeds of every method.
-        frames: Control steps of each training.
-        episodes: Episodes of each evaluation, the same for all policies.
-        hyperparameters: Hyperparameters of PPO.
-        dataset: Content hash of the dataset behind learned and named dynamics; None if unknown.
-    """
-
-    target: DynamicsSpec
-    methods: Mapping[str, DynamicsSpec]
-    seeds: Sequence[int] = (0, 1, 2, 3, 4)
-    frames: int = 2_000_000
-    episodes: int = 100
-    hyperparameters: Hyperparameters = field(default_factory=Hyperparameters)
-    dataset: str | None = None
+    target: DynamicsSpec  # dynamics on which all policies are evaluated
+    methods: Mapping[str, DynamicsSpec]  # dynamics on which each method trains
+    seeds: Sequence[int] = (0, 1, 2, 3, 4)  # seeds of every method
+    frames: int = 2_000_000  # control steps of each training
+    episodes: int = 100  # episodes of each evaluation, the same for all policies
+    hyperparameters: Hyperparameters = field(default_factory=Hyperparameters)  # hyperparameters of PPO
+    dataset: str | None = None  # content hash of the dataset behind learned and named dynamics; None if unknown
 
     def trained_as(self, method: str) -> str:
         """Return the first method that trains on the same dynamics; both share their policies."""
@@ -172,17 +168,11 @@ def compare(study: Study, folder: Path, workers: int = 1, report: Report = say, 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Results of a comparison.
+    """Results of a comparison."""
 
-    Attributes:
-        study: The comparison.
-        folder: Folder of policies, learning curves and results.
-        results: Result of each method and seed.
-    """
-
-    study: Study
-    folder: Path
-    results: Mapping[tuple[str, int], PolicyResult]
+    study: Study  # the comparison
+    folder: Path  # folder of policies, learning curves and results
+    results: Mapping[tuple[str, int], PolicyResult]  # result of each method and seed
 
     def values(self, method: str, name: str = "mean_return") -> np.ndarray:
         """Return one entry of `PolicyScore` for each seed of a method, shape (seeds,)."""
@@ -273,3 +263,50 @@ class Comparison:
             f"{success['median']:.0%}",
             "" if closed is None else str(closed),
         )
+
+
+PAUSE = 10.0  # [s] between two lines of progress
+
+
+@contextmanager
+def report_training_progress(
+    study: Study, folder: Path, report: Callable[[str], None], pause: float = PAUSE
+) -> Iterator[None]:
+    """Report the progress of training every few seconds.
+
+    Args:
+        study: The study.
+        folder: Folder of its runs.
+        report: Called with each line.
+        pause: Time between two lines [s].
+    """
+    folders = [folder / method / f"seed{seed}" for method in study.trained for seed in study.seeds]
+    total, first = study.frames * len(folders), count_frames(folders)
+    began, before = time.monotonic(), first
+
+    def speak() -> None:
+        nonlocal before
+        done = min(float(total), count_frames(folders))
+        if done > before:
+            left = (total - done) / (done - first) * (time.monotonic() - began)
+            report(
+                f"{count_of(len(folders), 'policy', plural='policies')}: {done / total:.0%} of {total:,} control "
+                f"steps, {format_duration(left)} left"
+            )
+        before = done
+
+    with repeating(speak, pause):
+        yield
+
+
+def count_frames(folders: list[Path]) -> float:
+    """Return the number of trained control steps of all policies, as written so far."""
+    return sum(count_trained_frames(folder) for folder in folders)
+
+
+def count_trained_frames(folder: Path) -> float:
+    """Return the number of trained control steps of a policy; 0 if it has not begun."""
+    try:
+        return float(read_progress(folder)["frames"][-1])
+    except CheckpointError:
+        return 0.0

@@ -10,8 +10,7 @@ from nas_data.envs.base import Task, find_task_file
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.envs.loop.task_batch import TaskBatch
 from nas_data.errors import CheckpointError, OptionError
-from nas_data.policies.policy import Policy, find_policies, load_policy
-from nas_data.policies.result import PolicyScore
+from nas_data.policies.policy import Policy, PolicyScore, find_policies, load_policy
 from nas_data.simulators.base import Stepper
 from nas_data.text_table import format_table
 from nas_data.typed_json import as_object
@@ -26,19 +25,12 @@ Controller = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Returns:
-    """Results of E episodes.
+    """Results of E episodes."""
 
-    Attributes:
-        returns: Sum of rewards of each episode, shape (E,).
-        successes: Whether each reached its goal, shape (E,).
-        lengths: Control steps of each, shape (E,).
-        diverged: Whether each ended because the simulation diverged, shape (E,).
-    """
-
-    returns: np.ndarray
-    successes: np.ndarray
-    lengths: np.ndarray
-    diverged: np.ndarray
+    returns: np.ndarray  # sum of rewards of each episode, shape (E,)
+    successes: np.ndarray  # whether each reached its goal, shape (E,)
+    lengths: np.ndarray  # control steps of each, shape (E,)
+    diverged: np.ndarray  # whether each ended because the simulation diverged, shape (E,)
 
     @property
     def mean_return(self) -> float:
@@ -158,19 +150,12 @@ def score_baselines(plant: DynamicsSpec, episodes: int, stepper: Stepper | None 
 
 @dataclass(frozen=True)
 class Group:
-    """Policies that differ only in their seed, and their scores on one plant.
+    """Policies that differ only in their seed, and their scores on one plant."""
 
-    Attributes:
-        name: Name in tables.
-        folders: Folders of the policies.
-        policies: The policies.
-        scores: Score of each policy.
-    """
-
-    name: str
-    folders: Sequence[Path]
+    name: str  # name in tables
+    folders: Sequence[Path]  # folders of the policies
     policies: Sequence[Policy]
-    scores: Sequence[Returns]
+    scores: Sequence[Returns]  # score of each policy
 
     @property
     def returns(self) -> np.ndarray:

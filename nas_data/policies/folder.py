@@ -27,33 +27,19 @@ WEIGHT_PREFIX, OPTIMISER_PREFIX = "policy.", "optimiser."
 
 @dataclass(frozen=True)
 class Row:
-    """One rollout of a training, one row of `progress.csv`.
+    """One rollout of a training, one row of `progress.csv`."""
 
-    Attributes:
-        frames: Control steps so far.
-        seconds: Wall time so far [s], without interruptions.
-        cpu_seconds: Processor time so far [s].
-        episodes: Episodes that ended in this rollout.
-        mean_return: Their mean return.
-        success_rate: Share of them that reached the goal.
-        mean_length: Their mean length in control steps.
-        diverged: Number of them that ended because the simulation diverged.
-        action_std: Standard deviation of the exploring actions.
-        divergence: Mean approximate Kullback-Leibler divergence of the update.
-        value_loss: Mean squared error of the critic, in normalised returns.
-    """
-
-    frames: int
-    seconds: float
-    cpu_seconds: float
-    episodes: int
-    mean_return: float
-    success_rate: float
-    mean_length: float
-    diverged: int
-    action_std: float
-    divergence: float
-    value_loss: float
+    frames: int  # control steps so far
+    seconds: float  # wall time so far [s], without interruptions
+    cpu_seconds: float  # processor time so far [s]
+    episodes: int  # episodes that ended in this rollout
+    mean_return: float  # their mean return
+    success_rate: float  # share of them that reached the goal
+    mean_length: float  # their mean length in control steps
+    diverged: int  # number of them that ended because the simulation diverged
+    action_std: float  # standard deviation of the exploring actions
+    divergence: float  # mean approximate Kullback-Leibler divergence of the update
+    value_loss: float  # mean squared error of the critic, in normalised returns
 
 
 def read_running_statistics(normalised: VecNormalize) -> tuple[RunningMeanStd, RunningMeanStd]:

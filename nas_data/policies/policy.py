@@ -1,19 +1,95 @@
-"""A trained policy from `config.json` and `policy.safetensors`, without pickle."""
+"""A trained policy from the files of its folder, without pickle."""
 
 import csv
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load_file
 
+from nas_data.atomic_file import write_atomic
 from nas_data.errors import CheckpointError
-from nas_data.policies.hyperparameters import Hyperparameters
-from nas_data.typed_json import FormError, from_json
+from nas_data.typed_json import FormError, as_object, from_json
 from nas_data.visible_files import list_visible_files
+
+
+@dataclass(frozen=True)
+class Hyperparameters:
+    """The paper's PPO; 16 arms share a rollout of its robot experiments (4 processes × 2048 steps)."""
+
+    arms: int = 16  # simulations stepped together
+    rollout: int = 8192  # frames between two updates, over all arms
+    minibatches: int = 32  # parts of a rollout, one gradient step each
+    epochs: int = 10  # passes over a rollout
+    learning_rate: float = 3e-4  # learning rate of Adam
+    discount: float = 0.99  # γ
+    trace: float = 0.95  # λ of the advantage estimate
+    clip: float = 0.2  # largest change of an action's probability ratio
+    entropy_weight: float = 0.0  # weight of the entropy in the loss
+    value_weight: float = 0.5  # weight of the value error in the loss
+    gradient_norm: float = 0.5  # largest norm of a gradient
+    hidden: tuple[int, ...] = (64, 64)  # widths of the tanh layers, separate for actor and critic
+
+
+RESULT = "result.json"
+
+
+@dataclass(frozen=True)
+class PolicyScore:
+    """Score over the episodes of an evaluation."""
+
+    mean_return: float = field(metadata={"key": "return"})
+    return_median: float  # median return
+    success_rate: float  # share of episodes that reached the goal
+    mean_length: float  # mean number of control steps
+    diverged: int  # number of episodes that ended because the simulation diverged
+    episodes: int  # number of episodes
+
+
+@dataclass(frozen=True)
+class EvaluationTime:
+    """Wall time and processor time of an evaluation [s]."""
+
+    wall_seconds: float
+    cpu_seconds: float
+
+
+@dataclass(frozen=True)
+class DivergedEpisodes:
+    """Number of diverged episodes in the training and in the evaluation."""
+
+    learning: int
+    judging: int
+
+
+@dataclass(frozen=True)
+class PolicyResult:
+    """Result of one method with one seed."""
+
+    question: Mapping[str, object]  # what the result depends on; see `Run.question`
+    circumstances: Mapping[str, object]  # versions, commit and files behind it
+    score: PolicyScore  # score on the target
+    returns: tuple[float, ...]  # return of each episode
+    wall_seconds: float  # wall time of the training [s]
+    cpu_seconds: float  # processor time of the training [s]
+    judging: EvaluationTime  # time of the evaluation
+    diverged: DivergedEpisodes  # diverged episodes
+
+    def write(self, folder: Path) -> None:
+        """Write the result into the folder of the policy."""
+        write_atomic(folder / RESULT, (json.dumps(as_object(self), indent=1) + "\n").encode())
+
+
+def read_result(folder: Path) -> PolicyResult | None:
+    """Return the result in the folder of a policy; None if there is no valid one."""
+    try:
+        return from_json(PolicyResult, json.loads((folder / RESULT).read_text(encoding="utf-8")))
+    except (OSError, ValueError):
+        return None
+
 
 CONFIG = "config.json"
 WEIGHTS = "policy.safetensors"
@@ -35,36 +111,22 @@ class PlantModel:
 
 @dataclass(frozen=True)
 class TrainedPlant:
-    """Dynamics that a policy was trained on.
+    """Dynamics that a policy was trained on."""
 
-    Attributes:
-        environment: Name of the environment.
-        dynamics: Name of its dynamics.
-        model: Learned model; None if there is none.
-        retuned: Factors of base parameters by name; None without named effects.
-    """
-
-    environment: str
-    dynamics: str = ""
-    model: PlantModel | None = None
-    retuned: Mapping[str, float] | None = None
+    environment: str  # name of the environment
+    dynamics: str = ""  # name of its dynamics
+    model: PlantModel | None = None  # learned model; None if there is none
+    retuned: Mapping[str, float] | None = None  # factors of base parameters by name; None without named effects
 
 
 @dataclass(frozen=True)
 class PolicyConfig:
-    """What is read of a policy's `config.json`.
+    """What is read of a policy's `config.json`."""
 
-    Attributes:
-        plant: Dynamics of the training.
-        seed: Seed of the training.
-        frames: Its control steps.
-        hyperparameters: Its hyperparameters; None if the file has none.
-    """
-
-    plant: TrainedPlant
-    seed: int = 0
-    frames: int = 0
-    hyperparameters: Hyperparameters | None = None
+    plant: TrainedPlant  # dynamics of the training
+    seed: int = 0  # seed of the training
+    frames: int = 0  # its control steps
+    hyperparameters: Hyperparameters | None = None  # its hyperparameters; None if the file has none
 
     @classmethod
     def read(cls, folder: Path) -> "PolicyConfig":
@@ -81,14 +143,10 @@ class PolicyConfig:
 
 @dataclass(frozen=True)
 class Policy:
-    """A policy: mean actions of an actor with tanh layers, with frozen observation statistics.
+    """A policy: mean actions of an actor with tanh layers, with frozen observation statistics."""
 
-    Attributes:
-        config: Settings of its training.
-        tensors: Weights of actor and critic under stable-baselines3's names, and the observation statistics.
-    """
-
-    config: PolicyConfig
+    config: PolicyConfig  # settings of its training
+    # weights of actor and critic under stable-baselines3's names, and the observation statistics
     tensors: Mapping[str, np.ndarray]
 
     def act(self, observations: np.ndarray) -> np.ndarray:

@@ -7,8 +7,7 @@ from types import TracebackType
 import numpy as np
 
 from nas_data.errors import GuardLost
-from nas_data.hardware.arms.base import Driver
-from nas_data.hardware.arms.safety import make_safe
+from nas_data.hardware.arms.base import Driver, make_safe
 from nas_data.recorders.arm_motion import ArmMotion
 from nas_data.recorders.path_planner import PathPlanner
 from nas_data.recorders.retry import TRIES, Retry

@@ -17,7 +17,7 @@ from nas_data.errors import (
     WrongModel,
 )
 from nas_data.hardware.arms.base import Health
-from nas_data.hardware.xl320.fitness import MARGIN
+from nas_data.hardware.xl320.survey import MARGIN
 from nas_data.joint_units import HINGE, compute_angle_scales, find_joint_unit
 
 if TYPE_CHECKING:

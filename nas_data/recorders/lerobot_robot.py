@@ -17,8 +17,8 @@ from lerobot.robots import RobotConfig, make_robot_from_config
 
 from nas_data.errors import OptionError, UnknownName
 from nas_data.hardware.virtual_bus.arm import MountedServo
-from nas_data.hardware.virtual_bus.options import Options
 from nas_data.hardware.virtual_bus.process import VIRTUAL, port_of
+from nas_data.hardware.virtual_bus.terminal import Options
 from nas_data.joint_units import compute_angle_scales
 from nas_data.recorders.lerobot_arm import LeRobotDriver
 from nas_data.recorders.lerobot_frame import Frame, compute_frame, compute_full_range, refuse_other_joints

@@ -16,8 +16,7 @@ from collections.abc import Mapping
 from types import TracebackType
 
 from nas_data.errors import ArmError, GuardLost
-from nas_data.hardware.arms.base import Driver
-from nas_data.hardware.arms.safety import make_safe, open_for_guard
+from nas_data.hardware.arms.base import Driver, make_safe, open_for_guard
 
 ALL_WELL = b"all is well"
 HANG = 1.0  # [s] after its deadline at which a silent process counts as hung

@@ -82,14 +82,9 @@ def make_level_line(value: float, text: str, colour: str) -> dict[str, object]:
 
 
 def thin(x: np.ndarray, y: np.ndarray, most: int = MOST_POINTS) -> tuple[np.ndarray, np.ndarray]:
-    """Return at most so many points of a curve: the lowest and the highest of each stretch, in their order.
+    """Return at most so many points of a curve (T,): the lowest and the highest of each stretch; NaN is nothing.
 
     Extremes survive, as a mean or every k-th point would not let them.
-
-    Args:
-        x: Shape (T,).
-        y: Shape (T,); NaN where there is nothing.
-        most: An even number of points.
     """
     if len(y) <= most:
         return x, y
@@ -104,13 +99,7 @@ def thin(x: np.ndarray, y: np.ndarray, most: int = MOST_POINTS) -> tuple[np.ndar
 
 
 def make_spread(x: np.ndarray, values: Mapping[str, np.ndarray], looks: Mapping[str, Stroke]) -> list[Trace]:
-    """Return the median of several rows with a band from the lower to the upper quartile, of each name.
-
-    Args:
-        x: Shape (T,).
-        values: By name, shape (3, T): lower quartile, median, upper quartile.
-        looks: By name.
-    """
+    """Return by name the median of rows (3, T) with a band between its quartiles, the first and the last row."""
     bands = [trace for name, (low, _, high) in values.items() for trace in make_band(x, low, high, name, looks[name])]
     return bands + [make_line(x, middle, name, looks[name]) for name, (_, middle, _) in values.items()]
 

@@ -103,12 +103,7 @@ def make_command_chart(dataset: Dataset) -> Chart:
 
 
 def make_step_charts(steps: Sequence[np.ndarray], period: float) -> list[Chart]:
-    """Return how long the steps of the clock are, and the longest of each episode.
-
-    Args:
-        steps: Of each episode [s], shape (T − 1,) each.
-        period: Of the control [s].
-    """
+    """Return how long the steps [s] of the clock are, and the longest of each episode beside the control period [s]."""
     counts, edges = np.histogram(1e3 * np.concatenate(steps), STEP_BINS)
     bars = {
         "type": "bar", "x": (edges[1:] + edges[:-1]) / 2, "y": counts, "marker": {"color": BLUE}, "showlegend": False,

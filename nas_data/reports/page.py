@@ -29,17 +29,11 @@ class Text:
 
 @dataclass(frozen=True)
 class HtmlTable:
-    """Rows under headers, which a click on a header sorts; the first column names the row, the others are numbers.
+    """Rows under headers, which a click on a header sorts; the first column names the row, the others are numbers."""
 
-    Attributes:
-        headers: One a column.
-        rows: Cells as text.
-        note: What the numbers are, shown below.
-    """
-
-    headers: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    note: str = ""
+    headers: Sequence[str]  # one a column
+    rows: Sequence[Sequence[str]]  # cells as text
+    note: str = ""  # what the numbers are, shown below
 
 
 @dataclass(frozen=True)
@@ -51,21 +45,14 @@ class Facts:
 
 @dataclass(frozen=True)
 class Chart:
-    """An interactive picture, drawn by plotly.js in the reader's browser.
+    """An interactive picture, drawn by plotly.js in the reader's browser."""
 
-    Attributes:
-        name: A word that tells it from the other charts of the page.
-        caption: What it shows.
-        traces: What is drawn, as plotly.js takes it; arrays are NumPy's.
-        layout: Axes and shapes, as plotly.js takes them; the page adds fonts, margins and colours.
-        height: Of the picture [px].
-    """
-
-    name: str
-    caption: str
-    traces: Sequence[Mapping[str, object]]
+    name: str  # a word that tells it from the other charts of the page
+    caption: str  # what it shows
+    traces: Sequence[Mapping[str, object]]  # what is drawn, as plotly.js takes it; arrays are NumPy's
+    # axes and shapes, as plotly.js takes them; the page adds fonts, margins and colours
     layout: Mapping[str, object] = field(default_factory=dict)
-    height: int = 380
+    height: int = 380  # of the picture [px]
 
     def to_json(self) -> str:
         """Return traces and layout; no text in it ends the script element in which it stands."""
@@ -75,15 +62,10 @@ class Chart:
 
 @dataclass(frozen=True)
 class ModelDifference:
-    """A unified difference of two texts, to read and to copy.
+    """A unified difference of two texts, to read and to copy."""
 
-    Attributes:
-        text: As `diff -u` writes it.
-        note: What the two texts are.
-    """
-
-    text: str
-    note: str = ""
+    text: str  # as `diff -u` writes it
+    note: str = ""  # what the two texts are
 
     @property
     def lines(self) -> list[tuple[str, str]]:
@@ -103,15 +85,10 @@ class ModelDifference:
 
 @dataclass(frozen=True)
 class ShortFilm:
-    """A film inside the page.
+    """A film inside the page."""
 
-    Attributes:
-        mp4: H.264, which browsers play.
-        caption: What it shows.
-    """
-
-    mp4: bytes
-    caption: str
+    mp4: bytes  # H.264, which browsers play
+    caption: str  # what it shows
 
     @property
     def source(self) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 
 from nas_data.joint_units import SHARE
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD
-from nas_data.policies.share import compute_share
+from nas_data.policies.intervals import compute_share
 from nas_data.reports.charts import Trace, make_axes, make_axis, make_band, make_dots, make_line
 from nas_data.reports.page import Block, Chart, HtmlTable, PageSection, Text
 from nas_data.reports.runs import NAMED, NAMED_AND_LEARNED, LearningCurve, ModelRun, PolicyRun, collect_scores
@@ -137,12 +137,7 @@ def make_target_chart(groups: Mapping[str, Sequence[PolicyRun]]) -> list[Chart]:
 def make_policies_table(
     groups: Mapping[str, Sequence[PolicyRun]], extra: Mapping[str, Mapping[str, float]]
 ) -> HtmlTable:
-    """Return the policies' scores on the target, or how they ended training where none was judged.
-
-    Args:
-        groups: Policies of each method.
-        extra: Mean return and success rate of what needs no learning, by name.
-    """
+    """Return the policies' scores on the target, or of training where none was judged; extra needs no learning."""
     judged = any(len(collect_scores(runs)) for runs in groups.values())
     headers = ["learned on", "return: median", "success", "lowest … highest", "seeds", "distance closed"]
     rows = [make_method_row(method, runs, groups, judged) for method, runs in groups.items()]

@@ -11,8 +11,15 @@ import numpy as np
 from nas_data.errors import CheckpointError
 from nas_data.joint_units import HINGE, JointUnit, find_display_unit
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD
-from nas_data.policies.policy import CONFIG, PROGRESS, PolicyConfig, TrainedPlant, read_progress
-from nas_data.policies.result import PolicyScore, read_result
+from nas_data.policies.policy import (
+    CONFIG,
+    PROGRESS,
+    PolicyConfig,
+    PolicyScore,
+    TrainedPlant,
+    read_progress,
+    read_result,
+)
 from nas_data.visible_files import list_visible_files
 
 HISTORY, CHECKPOINT = "history.json", "checkpoint"
@@ -23,23 +30,15 @@ NAMED, NAMED_AND_LEARNED = "named", "named_nas"  # learned in a source with name
 
 @dataclass(frozen=True)
 class ModelRun:
-    """A training of φ or ψ.
+    """A training of φ or ψ."""
 
-    Attributes:
-        folder: Where it lies.
-        kind: `delta` or `forward`.
-        dataset: Name and version of what it learned from.
-        content_hash: That dataset's.
-        unit: Unit of its validation error; None where that is normalised and one-step, after teacher forcing.
-        history: Of each validation: update, validation error, seconds.
-    """
-
-    folder: Path
-    kind: str
-    dataset: str
-    content_hash: str
+    folder: Path  # where it lies
+    kind: str  # `delta` or `forward`
+    dataset: str  # name and version of what it learned from
+    content_hash: str  # that dataset's
+    # unit of its validation error; None where that is normalised and one-step, after teacher forcing
     unit: JointUnit | None
-    history: Sequence[Mapping[str, float]]
+    history: Sequence[Mapping[str, float]]  # of each validation: update, validation error, seconds
 
     @property
     def name(self) -> str:
@@ -65,43 +64,27 @@ class ModelRun:
 
 @dataclass(frozen=True)
 class LearningCurve:
-    """How one seed of a method learned.
+    """How one seed of a method learned."""
 
-    Attributes:
-        frames: Control steps so far, shape (K,).
-        returns: Mean return of the episodes that ended since the row before, NaN where none did, shape (K,).
-        success: Share of them that reached the goal, shape (K,).
-    """
-
-    frames: np.ndarray
-    returns: np.ndarray
-    success: np.ndarray
+    frames: np.ndarray  # control steps so far, shape (K,)
+    returns: np.ndarray  # mean return of the episodes that ended since the row before, NaN where none did, shape (K,)
+    success: np.ndarray  # share of them that reached the goal, shape (K,)
 
 
 @dataclass(frozen=True)
 class PolicyRun:
-    """A training of a policy.
+    """A training of a policy."""
 
-    Attributes:
-        folder: Where it lies.
-        method: What it learned on: expert (the target), source, augmented (φ), forward (ψ), named (the source with
-            named effects) or named_nas (φ beside).
-        seed: Its seed.
-        environment: What it learned to do.
-        frames: Control steps it learned from.
-        curve: How it learned.
-        seconds: Time that it took [s].
-        judged: Its score on the target; None if it was not evaluated.
-    """
-
-    folder: Path
+    folder: Path  # where it lies
+    # what it learned on: expert (the target), source, augmented (φ), forward (ψ), named (the source with named effects)
+    # or named_nas (φ beside)
     method: str
     seed: int
-    environment: str
-    frames: int
-    curve: LearningCurve
-    seconds: float
-    judged: PolicyScore | None
+    environment: str  # what it learned to do
+    frames: int  # control steps it learned from
+    curve: LearningCurve  # how it learned
+    seconds: float  # time that it took [s]
+    judged: PolicyScore | None  # its score on the target; None if it was not evaluated
 
 
 @dataclass(frozen=True)
@@ -146,7 +129,7 @@ def find_runs(paths: Iterable[Path]) -> Runs:
         found = {
             file.parent: read_model(file.parent)
             for file in list_visible_files(path, f"**/{HISTORY}")
-            if is_model(file.parent)
+            if (file.parent / CHECKPOINT / CONFIG).is_file()  # else the history is something else's
         }
         learned = {file.parent: read_policy(file.parent) for file in list_visible_files(path, f"**/{PROGRESS}")}
         if not found and not learned:
@@ -156,11 +139,6 @@ def find_runs(paths: Iterable[Path]) -> Runs:
         models |= {folder.resolve(): run for folder, run in found.items()}
         policies |= {folder.resolve(): run for folder, run in learned.items()}
     return Runs(list(models.values()), list(policies.values()))
-
-
-def is_model(folder: Path) -> bool:
-    """Whether a folder with a history is a training's, and not something else's."""
-    return (folder / CHECKPOINT / CONFIG).is_file()
 
 
 def read_model(folder: Path) -> ModelRun:

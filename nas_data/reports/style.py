@@ -24,19 +24,12 @@ OTHERS = (PURPLE, "#56B4E9", "#8C6D31")  # for what has no colour of its own, in
 
 @dataclass(frozen=True)
 class Stroke:
-    """How one predictor or method is drawn.
+    """How one predictor or method is drawn."""
 
-    Attributes:
-        colour: Of line, band and dots.
-        line: Matplotlib's line style, so that colour is not the only mark.
-        width: Of the line [pt].
-        order: Lines with a higher order lie on top.
-    """
-
-    colour: str
-    line: str = "-"
-    width: float = 1.8
-    order: int = 2
+    colour: str  # of line, band and dots
+    line: str = "-"  # Matplotlib's line style, so that colour is not the only mark
+    width: float = 1.8  # of the line [pt]
+    order: int = 2  # lines with a higher order lie on top
 
     def curve(self, lift: int = 0) -> dict[str, Any]:
         """Return matplotlib's options of a curve, lifted in the drawing order."""

@@ -97,12 +97,7 @@ def is_text(node: object) -> bool:
 
 
 def walk_statements(node: ast.AST, deep: bool) -> Iterator[ast.stmt]:
-    """Yield the statements inside a part of the code, without those for type checkers.
-
-    Args:
-        node: A module, a statement, or a branch of one.
-        deep: Whether to include statements inside functions.
-    """
+    """Yield the statements of a module or statement, not those for type checkers; deep: those in functions, too."""
     aside = isinstance(node, ast.If) and "TYPE_CHECKING" in (getattr(node.test, key, "") for key in ("id", "attr"))
     for block in BLOCKS[1:] if aside else BLOCKS:
         for part in getattr(node, block, ()):
@@ -133,15 +128,10 @@ def is_ours(module: str) -> bool:
 
 
 def list_gap_modules() -> tuple[str, ...]:
-    """Return the modules that determine a gap report: the workflow, every effect, and every audit of recordings."""
-    return ("nas_data.gap.workflow", *list_effect_modules(), *list_plugin_modules("gap.finding.audits"))
+    """Return the modules that determine a gap report: the workflow, which imports the audits, and every effect."""
+    return ("nas_data.gap.workflow", *list_effect_modules())
 
 
 def list_effect_modules() -> tuple[str, ...]:
     """Return the modules of all effects."""
-    return list_plugin_modules("effects")
-
-
-def list_plugin_modules(folder: str) -> tuple[str, ...]:
-    """Return the modules of a plug-in folder."""
-    return tuple(f"nas_data.{folder}.{name}" for name in registry.list_names(folder))
+    return tuple(f"nas_data.effects.{name}" for name in registry.list_names("effects"))

@@ -33,86 +33,52 @@ Plan = TypeVar("Plan", bound=Described)
 
 @dataclass(frozen=True)
 class Work(Generic[Plan]):
-    """A plan and its folder.
-
-    Attributes:
-        plan: The plan.
-        folder: Folder of all results.
-        report: Called with lines of progress.
-        name: Name in messages.
-        threads: Simulation threads; None for all cores.
-    """
+    """A plan and its folder."""
 
     plan: Plan
-    folder: Path
-    report: Report
-    name: str = "demo"
-    threads: int | None = None
+    folder: Path  # folder of all results
+    report: Report  # called with lines of progress
+    name: str = "demo"  # name in messages
+    threads: int | None = None  # simulation threads; None for all cores
 
 
 @dataclass(frozen=True)
 class StageResult:
-    """Result of a stage.
+    """Result of a stage."""
 
-    Attributes:
-        said: Lines of text, printed once.
-        data: Values for JSON.
-        summary: Summary of one or two lines, printed at the end of every run.
-    """
-
-    said: Sequence[str]
-    data: Mapping[str, object]
-    summary: Sequence[str] = ()
+    said: Sequence[str]  # lines of text, printed once
+    data: Mapping[str, object]  # values for JSON
+    summary: Sequence[str] = ()  # summary of one or two lines, printed at the end of every run
 
 
 @dataclass(frozen=True)
 class Stage(Generic[Plan]):
-    """A stage.
+    """A stage."""
 
-    Attributes:
-        name: Name of its result file.
-        title: Title of a few words.
-        does: Explanation of one or two sentences.
-        work: Function that runs the stage.
-        made: Output paths in the folder; the stage is repeated if one is missing.
-        builds_on: Stages that it depends on; it is repeated after them. None for all earlier stages.
-        code: Returns a hash of the code that determines its results; None if the code does not matter.
-    """
-
-    name: str
-    title: str
-    does: str
-    work: Callable[[Work[Plan]], StageResult]
-    made: Sequence[str] = ()
+    name: str  # name of its result file
+    title: str  # title of a few words
+    does: str  # explanation of one or two sentences
+    work: Callable[[Work[Plan]], StageResult]  # function that runs the stage
+    made: Sequence[str] = ()  # output paths in the folder; the stage is repeated if one is missing
+    # stages that it depends on; it is repeated after them. None for all earlier stages.
     builds_on: Sequence[str] | None = None
+    # returns a hash of the code that determines its results; None if the code does not matter
     code: Callable[[Plan], str] | None = None
 
 
 @dataclass(frozen=True)
 class Done:
-    """A finished stage, as its file holds it.
+    """A finished stage, as its file holds it."""
 
-    Attributes:
-        seconds: Wall time that it took [s].
-        when: When it ended, UTC, ISO 8601.
-        load: One-minute load average of the machine at its end.
-        said: Lines of text.
-        data: Values for JSON.
-        summary: Summary.
-        cpu_seconds: Processor time, child processes included [s].
-        code: Hash of the code that ran it.
-        commit: Commit of that code; None if unknown.
-    """
-
-    seconds: float
-    when: str
-    load: float
-    said: Sequence[str]
-    data: Mapping[str, object]
+    seconds: float  # wall time that it took [s]
+    when: str  # when it ended, UTC, ISO 8601
+    load: float  # One-minute load average of the machine at its end
+    said: Sequence[str]  # lines of text
+    data: Mapping[str, object]  # values for JSON
     summary: Sequence[str]
-    cpu_seconds: float = 0.0
-    code: str = ""
-    commit: str | None = None
+    cpu_seconds: float = 0.0  # processor time, child processes included [s]
+    code: str = ""  # hash of the code that ran it
+    commit: str | None = None  # commit of that code; None if unknown
 
 
 def run_stages(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> dict[str, Done]:
@@ -249,19 +215,12 @@ def read_stage(name: str, folder: Path) -> Done:
 
 @dataclass(frozen=True)
 class Part(Generic[Plan]):
-    """A stage to run in its own process.
+    """A stage to run in its own process."""
 
-    Attributes:
-        stage: Its name.
-        plan: See `Work`.
-        folder: See `Work`.
-        name: See `Work`.
-    """
-
-    stage: str
-    plan: Plan
-    folder: Path
-    name: str
+    stage: str  # its name
+    plan: Plan  # see `Work`
+    folder: Path  # see `Work`
+    name: str  # see `Work`
 
 
 def run_side_by_side(

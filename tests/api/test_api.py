@@ -22,10 +22,9 @@ from nas_data.dataset.verify import verify
 from nas_data.effects.base import Effect, Parameter, parse
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import DatasetInvalid, JointMismatch, MissingPackage, OptionError, UnknownName
-from nas_data.policies.hyperparameters import Hyperparameters
-from nas_data.policies.learner import PolicyTraining
+from nas_data.policies.policy import Hyperparameters
 from nas_data.policies.policy import load_policy as read_policy
-from nas_data.policies.ppo import train
+from nas_data.policies.ppo import PolicyTraining, train
 from nas_data.robots.base import find_robot
 
 PAGE = Path(__file__).parents[2] / "docs/python.md"

@@ -5,8 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from nas_data.benchmarks.augmented import WANTED, make_random_phi
-from nas_data.benchmarks.gym_reacher import GymReacher, NaiveReacher, make_dummy_vec_env
+from nas_data.benchmarks.augmented import WANTED, GymReacher, NaiveReacher, make_dummy_vec_env, make_random_phi
 from nas_data.cli import main
 from nas_data.envs.ergo_reacher import TASK
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv

@@ -15,11 +15,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.dataset_samples import recorded
 
-from nas_data.benchmarks import rounds
+from nas_data.benchmarks import result as benchmark_result
 from nas_data.benchmarks.pairing import BareRollouts
 from nas_data.benchmarks.recording import EFFECTS, GymArm, check_equal
-from nas_data.benchmarks.result import SECONDS, BenchmarkResult
-from nas_data.benchmarks.rounds import Ratio, take_turns
+from nas_data.benchmarks.result import SECONDS, BenchmarkResult, Ratio, Times, take_turns
 from nas_data.cli import main
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION, STATE, make_position_feature, make_state_feature
@@ -57,7 +56,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch) -> Clock:
     clock = Clock()
-    monkeypatch.setattr(rounds, "time", clock)
+    monkeypatch.setattr(benchmark_result, "time", clock)
     return clock
 
 
@@ -72,7 +71,7 @@ def test_the_ratio_is_that_of_the_times_per_frame_and_the_first_run_does_not_cou
 
 
 def test_a_ratio_of_processor_time_goes_by_that_alone_and_says_so():
-    times = {"fast": rounds.Times((1.0, 9.0), (3.0, 4.0)), "slow": rounds.Times((5.0, 6.0), (6.0, 12.0))}
+    times = {"fast": Times((1.0, 9.0), (3.0, 4.0)), "slow": Times((5.0, 6.0), (6.0, 12.0))}
     ratio = Ratio("fast_vs_slow", "fast", "slow", wanted=2.0, clock="cpu")
     assert ratio.values(times) == pytest.approx([2.0, 3.0])
     assert "in 2 rounds of processor time, at least 2" in ratio.describe(times)
@@ -90,7 +89,7 @@ def test_the_sides_take_turns_and_none_is_always_first(clock):
 @given(st.lists(st.floats(1e-7, 1e-2), min_size=1, max_size=7), st.floats(0.1, 100))
 def test_a_side_that_always_takes_longer_by_a_factor_gives_that_factor(wall, factor):
     slow = tuple(factor * seconds for seconds in wall)
-    times = {"fast": rounds.Times(tuple(wall), tuple(wall)), "slow": rounds.Times(slow, slow)}
+    times = {"fast": Times(tuple(wall), tuple(wall)), "slow": Times(slow, slow)}
     assert RATIO.of(times) == pytest.approx(factor)
     answer = BenchmarkResult("title", times, (RATIO,)).to_json()
     assert answer["ratios"] == {"fast_vs_slow": pytest.approx(factor)}
@@ -98,7 +97,7 @@ def test_a_side_that_always_takes_longer_by_a_factor_gives_that_factor(wall, fac
 
 
 def test_the_text_holds_every_round_the_spread_the_bar_and_the_hardware():
-    times = {"fast": rounds.Times((1e-6, 2e-6), (3e-6, 4e-6)), "slow": rounds.Times((5e-6, 6e-6), (7e-6, 8e-6))}
+    times = {"fast": Times((1e-6, 2e-6), (3e-6, 4e-6)), "slow": Times((5e-6, 6e-6), (7e-6, 8e-6))}
     text = BenchmarkResult("what was done", times, (RATIO,), ("a note",)).to_text()
     for part in (
         "what was done",
@@ -113,7 +112,7 @@ def test_the_text_holds_every_round_the_spread_the_bar_and_the_hardware():
 
 
 def test_times_are_told_in_the_unit_of_the_result():
-    result = BenchmarkResult("title", {"side": rounds.Times((1.5, 2.5), (0.5, 0.25))}, (), unit=SECONDS)
+    result = BenchmarkResult("title", {"side": Times((1.5, 2.5), (0.5, 0.25))}, (), unit=SECONDS)
     assert result.to_json()["seconds"] == {"side": {"wall": [1.5, 2.5], "cpu": [0.5, 0.25]}}
     lines = [line.split() for line in result.to_text().splitlines()]
     assert ["seconds", "in", "round", "1", "2", "cpu"] in lines

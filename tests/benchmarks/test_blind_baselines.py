@@ -8,15 +8,12 @@ import pytest
 from support.blind_samples import arms, positions, shorten, steps
 
 from nas_data import registry
-from nas_data.benchmarks.blind.answer import HiddenEntry, SealedAnswer
 from nas_data.benchmarks.blind.baselines import one_step, phi, sysid
 from nas_data.benchmarks.blind.baselines.base import find_baseline
-from nas_data.benchmarks.blind.case import Episodes
+from nas_data.benchmarks.blind.case import Base, Episodes, Hidden, HiddenEntry, SealedAnswer, Truth
 from nas_data.benchmarks.blind.draw import draw_case
-from nas_data.benchmarks.blind.fresh import Fresh
-from nas_data.benchmarks.blind.oracle_error import compute_oracle_error
+from nas_data.benchmarks.blind.fresh import Fresh, compute_oracle_error
 from nas_data.benchmarks.blind.settings.xl320 import SENSOR
-from nas_data.benchmarks.blind.truth import Base, Hidden, Truth
 from nas_data.benchmarks.blind.write import ANSWER, DATASET, NOMINAL, write_case
 from nas_data.dataset.layout import read_json
 from nas_data.typed_json import from_json

@@ -8,9 +8,8 @@ from support.blind_samples import shorten, shortened
 
 from nas_data.benchmarks.blind.case import EVERY, FAMILIES, Identity
 from nas_data.benchmarks.blind.catalogue import EVERYWHERE, INSIDE, OUTSIDE
-from nas_data.benchmarks.blind.draw import draw_case
+from nas_data.benchmarks.blind.draw import UNLIKE, EffectSampler, EffectSizes, draw_case
 from nas_data.benchmarks.blind.plants.hiding import RULES
-from nas_data.benchmarks.blind.sampling import UNLIKE, EffectSampler, EffectSizes
 from nas_data.benchmarks.blind.settings.base import find_setting
 from nas_data.benchmarks.blind.settings.xl320 import FLOOR, QUANTUM
 from nas_data.benchmarks.blind.write import ANSWER, DATASET, FRESH, NOMINAL, write_case
@@ -60,7 +59,7 @@ def test_each_family_hides_as_many_visible_effects_as_it_says(family):
 @pytest.mark.parametrize("setting", ["xl320", "any", "torque"])
 def test_every_joint_lacks_the_same_effect_in_about_the_same_size(setting, monkeypatch):
     marks = EffectSizes((10.0,) * 7, (), np.empty(0))  # whatever is drawn can be seen
-    monkeypatch.setattr("nas_data.benchmarks.blind.sampling.measure_marks", lambda *_: marks)
+    monkeypatch.setattr("nas_data.benchmarks.blind.draw.measure_marks", lambda *_: marks)
     identity = Identity(EVERY, "numpy", 1, 2, setting=setting)
     sort = find_setting(setting)
     hider = EffectSampler(identity, sort, *sort.draw(identity))

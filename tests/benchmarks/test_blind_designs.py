@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from support.blind_samples import INDEPENDENT, drawn, reference, shorten
 
+from nas_data.benchmarks.blind.case import Base, Hidden, Truth
 from nas_data.benchmarks.blind.motions import SIGNALS
 from nas_data.benchmarks.blind.plants.base import find_plant
-from nas_data.benchmarks.blind.plants.body import PlantBody
 from nas_data.benchmarks.blind.plants.constants import Constants
-from nas_data.benchmarks.blind.plants.hiding import hide
+from nas_data.benchmarks.blind.plants.hiding import PlantBody, hide
 from nas_data.benchmarks.blind.settings.base import find_setting
-from nas_data.benchmarks.blind.truth import Base, Hidden, Truth
 from nas_data.effects.base import make_effect
 
 OTHER = find_setting("any")

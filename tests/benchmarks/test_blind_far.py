@@ -5,16 +5,14 @@ import pytest
 from support.blind_samples import INDEPENDENT, answered, entry_of, know_everything, know_nothing, report_of, shorten
 
 from nas_data.benchmarks.blind.benchmark import BlindPlan, run
-from nas_data.benchmarks.blind.case import FAMILIES, Identity
+from nas_data.benchmarks.blind.case import FAMILIES, Base, Identity, Truth
 from nas_data.benchmarks.blind.designs import draw_design
-from nas_data.benchmarks.blind.draw import draw_case
+from nas_data.benchmarks.blind.draw import EffectSampler, draw_case
 from nas_data.benchmarks.blind.grade import grade_names
 from nas_data.benchmarks.blind.plants.base import find_plant
 from nas_data.benchmarks.blind.plants.constants import Constants
-from nas_data.benchmarks.blind.sampling import EffectSampler
 from nas_data.benchmarks.blind.settings.base import find_setting
 from nas_data.benchmarks.blind.settings.far import EXCESS, draw_gain_excess
-from nas_data.benchmarks.blind.truth import Base, Truth
 
 FAR = find_setting("far")
 

@@ -9,10 +9,10 @@ import pytest
 from support.blind_samples import answered, entry_of, know_everything, know_nothing, report_of, shorten
 
 from nas_data.benchmarks.blind.benchmark import BlindPlan, run
-from nas_data.benchmarks.blind.code import hash_case_code
+from nas_data.benchmarks.blind.fresh import Delivered
 from nas_data.benchmarks.blind.grade import ConfidenceGrade, grade_names
 from nas_data.benchmarks.blind.record import CaseRecord
-from nas_data.benchmarks.blind.resimulate import Delivered
+from nas_data.benchmarks.blind.run_case import hash_case_code
 from nas_data.benchmarks.blind.tables import compute_reliability, make_tables, print_tables
 from nas_data.cli import main
 from nas_data.errors import DatasetInvalid, ModelFileError, OutputExists, UnknownName

@@ -19,16 +19,14 @@ from support.blind_samples import (
 
 from nas_data.benchmarks.blind.arms import NominalArm
 from nas_data.benchmarks.blind.benchmark import BlindPlan, run
-from nas_data.benchmarks.blind.case import Identity, find_equivalents
-from nas_data.benchmarks.blind.command_sequence import CommandSequence
+from nas_data.benchmarks.blind.case import Base, CommandSequence, Hidden, Identity, Truth, find_equivalents
 from nas_data.benchmarks.blind.draw import draw_case
-from nas_data.benchmarks.blind.following import find_reach
 from nas_data.benchmarks.blind.grade import ConfidenceGrade, grade_names
+from nas_data.benchmarks.blind.machines import find_reach
 from nas_data.benchmarks.blind.plants.base import find_plant, make_chain
-from nas_data.benchmarks.blind.plants.body import PlantBody, stack_arms
 from nas_data.benchmarks.blind.plants.constants import Constants
+from nas_data.benchmarks.blind.plants.hiding import PlantBody, stack_arms
 from nas_data.benchmarks.blind.settings.base import find_setting
-from nas_data.benchmarks.blind.truth import Base, Hidden, Truth
 from nas_data.benchmarks.blind.write import DATASET, FRESH, write_case
 from nas_data.dataset.read import read
 from nas_data.dataset.transitions import estimate_velocities

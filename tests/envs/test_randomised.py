@@ -14,10 +14,8 @@ from nas_data.envs.loop.randomised import RandomisedStepper, make_delay_line
 from nas_data.envs.loop.ranges import NOMINAL, RANGES
 from nas_data.envs.loop.task_batch import TaskBatch
 from nas_data.errors import OptionError
-from nas_data.policies.hyperparameters import Hyperparameters
-from nas_data.policies.learner import PolicyTraining
-from nas_data.policies.policy import load_policy
-from nas_data.policies.ppo import train
+from nas_data.policies.policy import Hyperparameters, load_policy
+from nas_data.policies.ppo import PolicyTraining, train
 from nas_data.simulators.base import RandomizedStepper
 from nas_data.simulators.mujoco import MujocoSimulator
 

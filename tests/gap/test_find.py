@@ -17,7 +17,7 @@ from nas_data.errors import DatasetInvalid
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding.find import GapFindings, find
 from nas_data.gap.finding.joint_gaps import measure_repeatability
-from nas_data.gap.finding.significance import (
+from nas_data.gap.finding.regimes import (
     compute_grouped_chance,
     compute_paired_chance,
     correct_holm,

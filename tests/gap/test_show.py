@@ -17,9 +17,9 @@ from nas_data.count_of import join_items
 from nas_data.errors import OptionError
 from nas_data.gap.report import GapReport
 from nas_data.gap.showing.figures import ABOVE, AFTER, BEFORE, RETUNED, draw_error_per_joint, select_models
+from nas_data.gap.showing.page import show
 from nas_data.gap.showing.page_words import format_figures, format_value, format_with_si, list_effects
 from nas_data.gap.showing.series import Series
-from nas_data.gap.showing.show import show
 
 VERDICTS = {
     "none": {"effects": [], "retuned": [], "placebo": None, "shares": None, "next_experiment": None},

@@ -24,10 +24,10 @@ from nas_data.dataset.features import STATE
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
-from nas_data.hardware.virtual_bus.options import Options
 from nas_data.hardware.virtual_bus.process import VirtualBus, port_of
+from nas_data.hardware.virtual_bus.terminal import Options
 from nas_data.hardware.xl320.arm import Xl320Arm
-from nas_data.hardware.xl320.ergojr import make_ergojr_joints
+from nas_data.hardware.xl320.joints import make_ergojr_joints
 
 JOINTS = make_ergojr_joints()
 FAULTS = 10_000

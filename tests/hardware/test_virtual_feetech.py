@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from nas_data.hardware.virtual_bus.arm import MountedServo, VirtualArm
 from nas_data.hardware.virtual_bus.chain import ServoChain
 from nas_data.hardware.virtual_bus.device import transmit
-from nas_data.hardware.virtual_bus.feetech_packet import FeetechPacket, FeetechReader, decode, encode_status
+from nas_data.hardware.virtual_bus.feetech_packet import FeetechPacket, FeetechReader, encode_status
 from nas_data.hardware.virtual_bus.kinds.base import Reason, find_kind
 from nas_data.hardware.virtual_bus.kinds.sts3215 import (
     ACCELERATION_UNIT,
@@ -36,7 +36,7 @@ def test_the_manuals_examples_are_written_and_read_byte_for_byte(name):
     identity, instruction, parameters, wire = EXAMPLES[name]
     packet = FeetechPacket(identity, instruction, bytes.fromhex(parameters))
     assert packet.encode() == bytes.fromhex(wire)
-    assert decode(bytes.fromhex(wire)) == packet
+    assert FeetechReader().decode(bytes.fromhex(wire)) == packet
 
 
 @given(st.integers(0, 253), st.integers(0, 255), st.binary(max_size=60), st.binary(max_size=8))
@@ -50,7 +50,7 @@ def test_a_bit_that_flips_is_noticed(parameters, data):
     whole = bytearray(FeetechPacket(3, 2, parameters).encode())
     place = data.draw(st.integers(4, len(whole) - 1))
     whole[place] ^= 1 << data.draw(st.integers(0, 7))
-    assert not decode(bytes(whole)).is_valid
+    assert not FeetechReader().decode(bytes(whole)).is_valid
 
 
 @given(st.integers(-2047, 2047))

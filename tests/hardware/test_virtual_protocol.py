@@ -12,12 +12,13 @@ from nas_data.hardware.virtual_bus.packet import (
     Packet,
     Protocol2Reader,
     compute_crc16,
-    decode,
     encode_status,
     stuff,
     unstuff,
 )
 from nas_data.hardware.virtual_bus.servo import VirtualServo
+
+decode = Protocol2Reader().decode
 
 # Example packets of the e-manual's page on Protocol 2.0: identity, instruction, parameters, bytes on the wire.
 EXAMPLES = {

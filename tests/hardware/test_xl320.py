@@ -13,18 +13,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.xl320_samples import be_patient, connected, torques, virtual
 
-from nas_data import errors, registry
+from nas_data import errors
 from nas_data.cli import main
 from nas_data.hardware.arms.line import LENIENCE
-from nas_data.hardware.virtual_bus.faults.base import find_fault, parse
-from nas_data.hardware.virtual_bus.options import Options
+from nas_data.hardware.virtual_bus.faults import list_faults, parse
 from nas_data.hardware.virtual_bus.process import VirtualBus
-from nas_data.hardware.xl320.arm import Reading, Xl320Arm
-from nas_data.hardware.xl320.calibration import default_path, read_calibration, write_calibration
-from nas_data.hardware.xl320.configuration import Configuration
-from nas_data.hardware.xl320.control_table import REGISTERS
-from nas_data.hardware.xl320.ergojr import make_ergojr_joints
-from nas_data.hardware.xl320.units import CENTRE, SPEED_UNIT, TICK, decode_sign_magnitude, encode_sign_magnitude
+from nas_data.hardware.virtual_bus.terminal import Options
+from nas_data.hardware.xl320.arm import Configuration, Reading, Xl320Arm
+from nas_data.hardware.xl320.control_table import (
+    CENTRE,
+    REGISTERS,
+    SPEED_UNIT,
+    TICK,
+    decode_sign_magnitude,
+    encode_sign_magnitude,
+)
+from nas_data.hardware.xl320.joints import default_path, make_ergojr_joints, read_calibration, write_calibration
 
 JOINTS = make_ergojr_joints()
 BOUND = 75 * LENIENCE  # [s] most time that waiting for replies may take
@@ -355,7 +359,7 @@ def test_what_the_system_refuses_has_a_name(monkeypatch, code, error):
     def refuse(*_: object, **__: object) -> None:
         raise OSError(code, os.strerror(code))
 
-    monkeypatch.setattr("nas_data.hardware.xl320.port.serial.Serial", refuse)
+    monkeypatch.setattr("nas_data.hardware.xl320.bus.serial.Serial", refuse)
     with pytest.raises(error):
         Xl320Arm("/dev/null", JOINTS)
 
@@ -491,10 +495,10 @@ def test_bad_input_costs_one_sentence(folder, capfd, options, words):
 # Faults
 
 
-@pytest.mark.parametrize("name", registry.list_names("hardware.virtual_bus.faults"))
+@pytest.mark.parametrize("name", list_faults())
 def test_each_fault_says_what_it_is(name):
     fault = parse(name)
-    assert type(fault) is find_fault(name)
+    assert type(fault) is list_faults()[name]
     assert replace(fault, after=2.0) == parse(f"{name}:after=2")
     assert fault.__doc__
 

@@ -17,10 +17,8 @@ from nas_data.errors import JobsFailed, SimulationDiverged
 from nas_data.policies import compare as comparing
 from nas_data.policies import evaluate
 from nas_data.policies.compare import Study, compare
-from nas_data.policies.hyperparameters import Hyperparameters
-from nas_data.policies.learner import PolicyTraining
-from nas_data.policies.policy import read_progress
-from nas_data.policies.ppo import train
+from nas_data.policies.policy import Hyperparameters, read_progress
+from nas_data.policies.ppo import PolicyTraining, train
 from nas_data.runs.parallel import run_jobs
 
 BAD = 1.2  # [rad] commands of the first joint beyond this are not borne

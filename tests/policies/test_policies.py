@@ -16,15 +16,20 @@ from nas_data import cli
 from nas_data.envs.ergo_reacher import TASK
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import CheckpointError, OutputExists, SimulationDiverged, WorkerLost
-from nas_data.policies import evaluate, learner
+from nas_data.policies import evaluate, ppo
 from nas_data.policies.compare import Study, compare
 from nas_data.policies.folder import STATE, save_policy
-from nas_data.policies.hyperparameters import Hyperparameters
-from nas_data.policies.learner import Learner, PolicyTraining
-from nas_data.policies.policy import CONFIG, WEIGHTS, find_policies, load_policy, read_progress
-from nas_data.policies.ppo import train
-from nas_data.policies.result import read_result
-from nas_data.policies.share import compute_share
+from nas_data.policies.intervals import compute_share
+from nas_data.policies.policy import (
+    CONFIG,
+    WEIGHTS,
+    Hyperparameters,
+    find_policies,
+    load_policy,
+    read_progress,
+    read_result,
+)
+from nas_data.policies.ppo import Learner, PolicyTraining, train
 from nas_data.runs.parallel import run_jobs
 
 SMALL = Hyperparameters(arms=4, rollout=512, minibatches=4, epochs=2)
@@ -135,8 +140,8 @@ def test_a_folder_of_another_training_is_refused_and_left_alone(tmp_path):
 def test_the_actor_and_critic_learn_what_those_of_stable_baselines3_do(monkeypatch, hidden):
     task = training(2048, seed=3, hyperparameters=replace(SMALL, hidden=hidden))
     learners = []
-    for policy in (learner.ActorCritic, "MlpPolicy"):
-        monkeypatch.setattr(learner, "ActorCritic", policy)
+    for policy in (ppo.ActorCritic, "MlpPolicy"):
+        monkeypatch.setattr(ppo, "ActorCritic", policy)
         learners.append(Learner(task, FirstOrderArm(SMALL.arms)))
         for _ in range(4):
             learners[-1].advance()

@@ -27,14 +27,14 @@ from nas_data.envs.base import find_task
 from nas_data.envs.ergo_shield import GUARD
 from nas_data.envs.ergo_shield import detect_touches as geometric_touches
 from nas_data.errors import OptionError
-from nas_data.hardware.virtual_bus.options import Options
 from nas_data.hardware.virtual_bus.process import VirtualBus
+from nas_data.hardware.virtual_bus.terminal import Options
 from nas_data.hardware.xl320.arm import Xl320
-from nas_data.hardware.xl320.ergojr import make_ergojr_joints
-from nas_data.hardware.xl320.units import TICK
+from nas_data.hardware.xl320.control_table import TICK
+from nas_data.hardware.xl320.joints import make_ergojr_joints
 from nas_data.policies.evaluate import SEED
 from nas_data.policies.rollouts import recorded
-from nas_data.policies.rollouts.keyboard import EVENT, KEY_EVENT, KEY_S, Keyboard
+from nas_data.policies.rollouts.arm_setup import EVENT, KEY_EVENT, KEY_S, Keyboard
 from nas_data.policies.rollouts.robot_stepper import RobotStepper
 from nas_data.policies.rollouts.rollout import read_judgements
 from nas_data.policies.rollouts.two_arm_planner import make_two_arm_planner
@@ -148,7 +148,7 @@ def test_an_arm_is_not_led_into_the_floor(capsys, monkeypatch):
 
 def short(monkeypatch: pytest.MonkeyPatch, steps: int) -> None:
     """Let bouts of ErgoShield last so many steps at most, and arms hold their first poses for less long."""
-    monkeypatch.setattr("nas_data.policies.rollouts.approach.SETTLE", 0.1)
+    monkeypatch.setattr("nas_data.policies.rollouts.two_arm_planner.SETTLE", 0.1)
     task = replace(find_task("ErgoShield"), horizon=steps)
     monkeypatch.setattr("nas_data.commands._on_arm.find_task", lambda _: task)
 

@@ -15,7 +15,7 @@ from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.errors import BadReply, GuardLost, NobodyAnswers, ServoSilent
 from nas_data.hardware.xl320.arm import Reading, Xl320Arm
-from nas_data.hardware.xl320.ergojr import make_ergojr_joints
+from nas_data.hardware.xl320.joints import make_ergojr_joints
 from nas_data.policies.rollouts.robot_stepper import RobotStepper
 from nas_data.recorders.arm_dataset import LATE
 from nas_data.recorders.retry import TRIES, Retry

@@ -12,10 +12,9 @@ from support.xl320_samples import torques, virtual
 from nas_data.envs.base import find_task
 from nas_data.errors import PathBlocked
 from nas_data.hardware.arms.base import Reading
-from nas_data.hardware.xl320.arm import Xl320
-from nas_data.hardware.xl320.configuration import Configuration
-from nas_data.hardware.xl320.ergojr import make_ergojr_joints
-from nas_data.hardware.xl320.units import TICK
+from nas_data.hardware.xl320.arm import Configuration, Xl320
+from nas_data.hardware.xl320.control_table import TICK
+from nas_data.hardware.xl320.joints import make_ergojr_joints
 from nas_data.policies.rollouts.arm_setup import CLEARANCE, ArmSetup, make_path_planner
 from nas_data.policies.rollouts.robot_stepper import RobotStepper, RolloutTally
 from nas_data.policies.rollouts.two_arm_planner import TwoArmPlanner, make_two_arm_planner

@@ -33,17 +33,17 @@ LIBRARIES = {
     "torch": {
         "models", "policies", "api.policy",  # networks
         "importing.formats.pt",  # files that torch wrote
-        "benchmarks.augmented", "benchmarks.gym_reacher", "benchmarks.loading",  # compared with torch's own ways
+        "benchmarks.augmented", "benchmarks.loading",  # compared with torch's own ways
     },
     "stable_baselines3": {
-        "policies", "api.policy", "envs.loop.arm_vec_env", "benchmarks.augmented", "benchmarks.gym_reacher",
+        "policies", "api.policy", "envs.loop.arm_vec_env", "benchmarks.augmented",
     },
     "pybullet": {"simulators.bullet_world"},
-    "dynamixel_sdk": {"hardware.xl320.bus", "hardware.xl320.port"},
+    "dynamixel_sdk": {"hardware.xl320.bus"},
     "scservo_sdk": set(),
     "lerobot": {
         "recorders",
-        "benchmarks.lerobot", "benchmarks.recording",  # compared with LeRobot's own writer and reader
+        "benchmarks.datasets", "benchmarks.recording",  # compared with LeRobot's own writer and reader
     },
     "ray": {"studies.ablation.executors.ray"},
 }  # fmt: skip

@@ -29,11 +29,11 @@ from nas_data.errors import BeingWritten, GuardLost, ServoSilent
 from nas_data.excitations.base import parse
 from nas_data.hardware.arms.base import Reading
 from nas_data.hardware.arms.line import LENIENCE
-from nas_data.hardware.virtual_bus.options import Options
 from nas_data.hardware.virtual_bus.process import VirtualBus
+from nas_data.hardware.virtual_bus.terminal import Options
 from nas_data.hardware.xl320.arm import Xl320, Xl320Arm
-from nas_data.hardware.xl320.ergojr import make_ergojr_joints
-from nas_data.hardware.xl320.units import SPEED_UNIT, TICK
+from nas_data.hardware.xl320.control_table import SPEED_UNIT, TICK
+from nas_data.hardware.xl320.joints import make_ergojr_joints
 from nas_data.recorders.arm_dataset import LATE, LOAD, REPEATED, TEMPERATURE, VOLTAGE
 from nas_data.recorders.arm_motion import ArmEpisode
 from nas_data.recorders.arm_plan import MotionPlan, draw_plan, free_of_contact

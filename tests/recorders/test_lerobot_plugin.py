@@ -17,9 +17,8 @@ from nas_data.dataset.read import read
 from nas_data.dataset.transitions import as_transitions
 from nas_data.errors import NobodyAnswers, OptionError
 from nas_data.hardware.xl320.arm import Xl320Arm
-from nas_data.hardware.xl320.calibration import default_path, read_calibration, write_calibration
-from nas_data.hardware.xl320.ergojr import make_ergojr_joints
-from nas_data.hardware.xl320.units import TICK
+from nas_data.hardware.xl320.control_table import TICK
+from nas_data.hardware.xl320.joints import default_path, make_ergojr_joints, read_calibration, write_calibration
 
 pytest.importorskip("lerobot")
 JOINTS = make_ergojr_joints()
@@ -148,7 +147,7 @@ def test_a_person_calibrates_with_the_arm_held_upright(robot_on, monkeypatch):
 
 
 def test_an_arm_that_is_not_there_is_refused_and_nothing_stays_open(robot_on, tmp_path, monkeypatch):
-    monkeypatch.setattr("nas_data.hardware.xl320.port.LENIENCE", 0.002)  # no answer comes, however long one waits
+    monkeypatch.setattr("nas_data.hardware.xl320.bus.LENIENCE", 0.002)  # no answer comes, however long one waits
     with virtual("lost_packet:share=1") as bus:
         (tmp_path / "ergojr.json").write_text(calibration((0,) * 6))
         robot = robot_on(bus.port)

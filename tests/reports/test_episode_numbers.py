@@ -3,7 +3,7 @@
 import numpy as np
 from support.recording_samples import pendulum, recorded_on, wander
 
-from nas_data.reports.episode_numbers import find_differing, measure_episodes, measure_steps
+from nas_data.reports.dataset_page import find_differing, measure_episodes, measure_steps
 
 ROWS, STILL, LATE = 80, 3, 2
 

@@ -14,7 +14,7 @@ from nas_data.gap.showing.page import read_page
 from nas_data.reports.page import ShortFilm, Text
 from nas_data.robots.base import find_robot
 from nas_data.simulators import offscreen
-from nas_data.studies.ablation.amount import Amount
+from nas_data.studies.ablation.material import Amount
 from nas_data.studies.ablation.summary import Cell, Spread, SweepSummary
 from nas_data.studies.ablation.write import write
 

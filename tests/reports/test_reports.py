@@ -21,8 +21,9 @@ from nas_data.atomic_file import write_atomic
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import CheckpointError
 from nas_data.joint_units import HINGE, SLIDE
-from nas_data.policies import learner, ppo
+from nas_data.policies import policy, ppo
 from nas_data.reports.charts import thin
+from nas_data.reports.figures import compute_joint_errors, draw_error_growth, draw_trajectory, quartiles
 from nas_data.reports.page import (
     Chart,
     Facts,
@@ -34,7 +35,6 @@ from nas_data.reports.page import (
     Text,
     is_ours,
 )
-from nas_data.reports.prediction_figures import compute_joint_errors, draw_error_growth, draw_trajectory, quartiles
 from nas_data.reports.run_sections import (
     make_learning_charts,
     make_models_section,
@@ -44,7 +44,7 @@ from nas_data.reports.run_sections import (
 from nas_data.reports.runs import LearningCurve, PolicyRun, find_runs
 from nas_data.reports.style import OTHERS, STROKES, choose_strokes, to_png
 
-SMALL = learner.Hyperparameters(arms=4, rollout=256, minibatches=2, epochs=1)
+SMALL = policy.Hyperparameters(arms=4, rollout=256, minibatches=2, epochs=1)
 # Machado, Oliveira and Fernandes (2009), severity 1, on linear RGB.
 BLINDNESS = {
     "deuteranopia": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
@@ -279,7 +279,7 @@ def test_a_file_appears_whole_and_replaces_the_one_before(tmp_path):
 
 def a_policy(folder: Path, seed: int, plant="ErgoReacher", dynamics="source", score=None):
     """Train a policy on two rollouts, and write the result that a comparison would have written."""
-    training = learner.PolicyTraining(DynamicsSpec(plant, dynamics), seed, 512, SMALL)
+    training = ppo.PolicyTraining(DynamicsSpec(plant, dynamics), seed, 512, SMALL)
     ppo.train(training, folder, lambda _: None, FirstOrderArm(SMALL.arms))
     if score is not None:
         scored(score).write(folder)

@@ -11,9 +11,8 @@ from nas_data.errors import OutputExists
 from nas_data.models.checkpoint import save
 from nas_data.models.lstm import DynamicsModel
 from nas_data.policies.compare import Run, Study, compare
-from nas_data.policies.hyperparameters import Hyperparameters
-from nas_data.policies.learner import PolicyTraining
-from nas_data.policies.policy import CONFIG
+from nas_data.policies.policy import CONFIG, Hyperparameters
+from nas_data.policies.ppo import PolicyTraining
 from nas_data.runs import code_hash, environment_info
 from nas_data.runs.code_hash import list_gap_modules
 from nas_data.studies.experiments.pipeline.learning import TRAINED_BY
@@ -43,7 +42,7 @@ def phi(tmp_path):
         ("nas_data.envs.pusher", "START_ANGLE = 0.1", "START_ANGLE = 0.2"),
         ("nas_data.envs.loop.task_batch", "self.elapsed += 1", "self.elapsed += 2"),
         ("nas_data.effects.backlash", "half_width", "width"),
-        ("nas_data.policies.learner", "gae_lambda=p.trace", "gae_lambda=1.0"),
+        ("nas_data.policies.ppo", "gae_lambda=p.trace", "gae_lambda=1.0"),
         ("nas_data.policies.ppo", "while learner.done < training.rollouts", "while learner.done <= training.rollouts"),
         ("nas_data.simulators.mujoco", "class MujocoSimulator", "class Renamed"),  # a name counts, too
     ],

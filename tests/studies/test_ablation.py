@@ -13,19 +13,16 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.errors import OptionError
 from nas_data.models.presets import preset
 from nas_data.models.split import select_frames
-from nas_data.reports.ablation_figure import AblationCurve, draw_error_over_amount
+from nas_data.reports.figures import AblationCurve, draw_error_over_amount
 from nas_data.reports.style import to_png
-from nas_data.studies.ablation.amount import Amount, parse
-from nas_data.studies.ablation.executors.base import FOLDER as EXECUTORS
-from nas_data.studies.ablation.executors.base import find_executor
+from nas_data.studies.ablation.judging import TrainingData, TrialResult
 from nas_data.studies.ablation.kinds.base import FOLDER as KINDS
 from nas_data.studies.ablation.kinds.base import ModelKind, find_kind
-from nas_data.studies.ablation.results import TrainingData, TrialResult
-from nas_data.studies.ablation.subsets import divide, draw
+from nas_data.studies.ablation.material import Amount, divide, draw, parse
 from nas_data.studies.ablation.summary import ENOUGH, Spread, SweepSummary
-from nas_data.studies.ablation.table import format_markdown, format_table, make_rows
+from nas_data.studies.ablation.sweep import EXECUTORS, find_executor
 from nas_data.studies.ablation.trial import Config
-from nas_data.studies.ablation.write import write
+from nas_data.studies.ablation.write import format_markdown, format_table, make_rows, write
 
 RATE = 5.0  # [Hz] a low rate: stretches of ten seconds in short columns
 MANY = settings(max_examples=60, deadline=None)

@@ -26,11 +26,9 @@ from nas_data.gap.write_model import write_effects
 from nas_data.models.split import select_frames, split_validation
 from nas_data.runs.environment_info import find_commit
 from nas_data.studies.ablation import trial as trials
-from nas_data.studies.ablation.amount import Amount
+from nas_data.studies.ablation.judging import TrialResult
 from nas_data.studies.ablation.kinds.base import TrainingInput, find_kind
-from nas_data.studies.ablation.material import SweepData
-from nas_data.studies.ablation.results import TrialResult
-from nas_data.studies.ablation.subsets import divide, draw
+from nas_data.studies.ablation.material import Amount, SweepData, divide, draw
 from nas_data.studies.ablation.sweep import open_sweep, run_sweep
 from nas_data.studies.ablation.trial import UNFINISHED, do_trial
 from nas_data.typed_json import from_json
@@ -154,12 +152,12 @@ def test_only_code_that_decides_a_kind_makes_its_trials_other_ones(place, tmp_pa
         return {kind for kind, code in codes().items() if code != before[kind]}
 
     every = {"delta", "forward", "named", "named_delta"}
-    assert changed("nas_data.studies.ablation.subsets", "def draw") == every
+    assert changed("nas_data.studies.ablation.material", "def draw") == every
     assert changed("nas_data.simulators.mujoco", "class MujocoSimulator") == every
     assert changed("nas_data.gap.name", "def name") == {"named", "named_delta"}
     assert changed("nas_data.effects.deadband", "half_width") == {"named", "named_delta"}
     assert changed("nas_data.models.fitting", "def prepare") == every - {"named"}
-    assert changed("nas_data.studies.ablation.table", "def format_table") == set()
+    assert changed("nas_data.studies.ablation.write", "def format_table") == set()
 
 
 def test_a_worker_with_other_code_than_the_sweep_does_nothing(place, tmp_path):

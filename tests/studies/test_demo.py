@@ -21,11 +21,9 @@ from nas_data.errors import OutputExists
 from nas_data.gap.report import GapReport
 from nas_data.gap.write_model import write_effects
 from nas_data.runs.stages import Stage, StageResult, claim, read_done, run_stages
-from nas_data.studies.demo import naming, plan
-from nas_data.studies.demo.naming import FOLDER
-from nas_data.studies.demo.pipeline import STAGES
-from nas_data.studies.demo.plan import FULL, Demo
-from nas_data.studies.demo.recording import DATASETS, HELDOUT, TRAIN, find_newest
+from nas_data.studies.demo import plan, recording
+from nas_data.studies.demo.plan import FULL, STAGES, Demo
+from nas_data.studies.demo.recording import DATASETS, FOLDER, HELDOUT, TRAIN, find_newest
 
 SMALLER = {"episodes": 6, "frames": 256, "rollout": 256, "minibatches": 2, "epochs": 1, "judged": 2}
 WHOLE = plan.QUICK
@@ -200,8 +198,8 @@ def test_the_search_is_given_episodes_that_do_not_say_what_hides_and_its_names_a
 
     lines: list[str] = []
     shutil.copytree(folder / DATASETS, tmp_path / DATASETS)
-    monkeypatch.setattr(naming, "investigate", search)
-    told = naming.name_effects(Demo(replace(QUICK, named=3), tmp_path, lines.append))
+    monkeypatch.setattr(recording, "investigate", search)
+    told = recording.name_effects(Demo(replace(QUICK, named=3), tmp_path, lines.append))
     assert read(given[0]).n_episodes == 3
     assert not any(effect in (given[0] / "meta/nas.json").read_text() for effect in ("backlash", "speed_limit"))
     assert told.summary[0] == "nas gap names: backlash in m3 and command delay (whole arm)"

@@ -14,21 +14,19 @@ from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.envs.pusher import TORQUE
 from nas_data.errors import JobsFailed, OptionError, UnknownName
 from nas_data.policies.compare import Comparison, Study
-from nas_data.policies.intervals import compute_median_interval
-from nas_data.policies.result import DivergedEpisodes
-from nas_data.policies.share import compute_return_range
+from nas_data.policies.intervals import compute_median_interval, compute_return_range
+from nas_data.policies.policy import DivergedEpisodes
 from nas_data.recorders.recipe import CommandKind, Recipe
-from nas_data.reports.prediction_figures import draw_error_growth, quartiles
+from nas_data.reports.figures import draw_error_growth, quartiles
 from nas_data.studies.experiments import figure6
 from nas_data.studies.experiments.pipeline import compare_methods, run, stages
-from nas_data.studies.experiments.pipeline.artifacts import Artifacts, MaterialPlan
+from nas_data.studies.experiments.pipeline.artifacts import METHODS, Artifacts, MaterialPlan
 from nas_data.studies.experiments.pipeline.authors import RETURNS, list_remarks
 from nas_data.studies.experiments.pipeline.compare_methods import make_hyperparameters
-from nas_data.studies.experiments.pipeline.dynamics import describe_dynamics
-from nas_data.studies.experiments.pipeline.methods import METHODS
 from nas_data.studies.experiments.pipeline.run import format_stem, run_experiment
 from nas_data.studies.experiments.pipeline.sizes import FULL, PPO
 from nas_data.studies.experiments.pipeline.table_notes import (
+    describe_dynamics,
     describe_intervals,
     describe_paired,
     describe_return_differences,

@@ -23,8 +23,7 @@ from nas_data.studies.experiments import figure6
 from nas_data.studies.experiments.base import FOLDER, Experiment, find_experiment
 from nas_data.studies.experiments.figure6 import find_sufficient_count
 from nas_data.studies.experiments.pipeline import authors, sample_size, stages
-from nas_data.studies.experiments.pipeline.artifacts import Artifacts, MaterialPlan
-from nas_data.studies.experiments.pipeline.methods import METHODS, list_needed_stages
+from nas_data.studies.experiments.pipeline.artifacts import METHODS, Artifacts, MaterialPlan, list_needed_stages
 from nas_data.studies.experiments.pipeline.run import format_stem, run_experiment
 from nas_data.studies.experiments.pipeline.sizes import FULL, QUICK, RECORDINGS
 from nas_data.studies.experiments.table1 import PREDICTORS, compute_differences, compute_statistics

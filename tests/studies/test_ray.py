@@ -10,8 +10,8 @@ from support.command_samples import nas
 from support.sweep_samples import BRIEF, answers, here_and_now, planned, silent
 
 from nas_data.errors import MissingPackage, UnknownName, WorkerLost
-from nas_data.studies.ablation.amount import Amount
 from nas_data.studies.ablation.executors import ray as executor
+from nas_data.studies.ablation.material import Amount
 from nas_data.studies.ablation.sweep import run_sweep
 
 pytestmark = pytest.mark.timeout(180)

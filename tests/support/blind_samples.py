@@ -9,18 +9,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from nas_data.benchmarks.blind.answer import SealedAnswer
 from nas_data.benchmarks.blind.arms import NominalArm, build_ergojr, draw_random_arm
-from nas_data.benchmarks.blind.case import Case, Identity
-from nas_data.benchmarks.blind.command_sequence import CommandSequence
-from nas_data.benchmarks.blind.conditions import Conditions
+from nas_data.benchmarks.blind.case import Base, Case, CommandSequence, Conditions, Identity, SealedAnswer, Truth
 from nas_data.benchmarks.blind.draw import draw_case, make_scripts
 from nas_data.benchmarks.blind.plants.base import find_plant
 from nas_data.benchmarks.blind.plants.constants import Constants
 from nas_data.benchmarks.blind.plants.mujoco_plant import multiply
 from nas_data.benchmarks.blind.settings import any as any_setting
 from nas_data.benchmarks.blind.settings import torque, xl320
-from nas_data.benchmarks.blind.truth import Base, Truth
 from nas_data.effects.base import add_effects, make_effect
 from nas_data.robots.base import read_spec
 from nas_data.typed_json import from_json

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from nas_data.hardware.arms.line import open_line
-from nas_data.hardware.virtual_bus.options import Options
 from nas_data.hardware.virtual_bus.process import VirtualBus
+from nas_data.hardware.virtual_bus.terminal import Options
 from nas_data.recorders.lerobot_arm import LeRobotDriver
 from nas_data.recorders.lerobot_frame import compute_frame
 from nas_data.recorders.lerobot_robot import RobotRequest, calibrate_virtual_arm, make_robot

@@ -1,6 +1,6 @@
 """Results of policies with a given return."""
 
-from nas_data.policies.result import DivergedEpisodes, EvaluationTime, PolicyResult, PolicyScore
+from nas_data.policies.policy import DivergedEpisodes, EvaluationTime, PolicyResult, PolicyScore
 
 
 def scored(mean_return: float) -> PolicyResult:

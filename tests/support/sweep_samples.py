@@ -8,8 +8,7 @@ from support.command_samples import Place
 
 from nas_data.models.presets import preset
 from nas_data.studies.ablation import trial as trials
-from nas_data.studies.ablation.amount import Amount
-from nas_data.studies.ablation.material import SweepData
+from nas_data.studies.ablation.material import Amount, SweepData
 from nas_data.studies.ablation.sweep import SweepPlan
 
 BRIEF = ("--hidden", "8", "--updates", "2", "--horizon", "20")

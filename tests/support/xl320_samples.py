@@ -5,10 +5,10 @@ from contextlib import contextmanager
 
 import pytest
 
-from nas_data.hardware.virtual_bus.options import Options
 from nas_data.hardware.virtual_bus.process import VirtualBus
+from nas_data.hardware.virtual_bus.terminal import Options
 from nas_data.hardware.xl320.arm import Xl320Arm
-from nas_data.hardware.xl320.ergojr import make_ergojr_joints
+from nas_data.hardware.xl320.joints import make_ergojr_joints
 
 
 @contextmanager
@@ -28,7 +28,7 @@ def connected(*faults: str, effects: tuple[str, ...] = (), offsets: tuple[int, .
 
 def be_patient(monkeypatch: pytest.MonkeyPatch, seconds: float = 1.0) -> None:
     """Let drivers in this process wait so long for each answer: on a busy machine, a virtual arm may be that late."""
-    monkeypatch.setattr("nas_data.hardware.xl320.port.LENIENCE", seconds)
+    monkeypatch.setattr("nas_data.hardware.xl320.bus.LENIENCE", seconds)
 
 
 def be_quick(monkeypatch: pytest.MonkeyPatch) -> None:

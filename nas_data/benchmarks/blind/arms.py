@@ -1,5 +1,6 @@
-"""The nominal arms of the benchmark: the Ergo Jr, or six random joints of its size."""
+"""Nominal arms as MJCF: any drawn serial one, and those of the XL-320's size: the Ergo Jr, or random joints."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -20,17 +21,11 @@ WIDTH = 0.024  # [m] of a link's box, that of an XL-320
 
 @dataclass(frozen=True)
 class NominalArm:
-    """A nominal arm.
+    """A nominal arm."""
 
-    Attributes:
-        name: What it is called in the dataset.
-        xml: Plain MJCF: serial, no contacts, no joint limits, a servo or motor and a sensor `<joint>.pos` each.
-        joints: Names from the base on.
-    """
-
-    name: str
-    xml: str
-    joints: tuple[str, ...]
+    name: str  # what it is called in the dataset
+    xml: str  # plain MJCF: serial, no contacts, no joint limits, a servo or motor and a sensor `<joint>.pos` each
+    joints: tuple[str, ...]  # names from the base on
 
     def spec(self) -> mujoco.MjSpec:
         """Return a fresh, editable model."""
@@ -39,6 +34,79 @@ class NominalArm:
     def model(self) -> mujoco.MjModel:
         """Return the compiled model."""
         return self.spec().compile()
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link and the joint that carries it, as MJCF has them."""
+
+    place: str  # of its joint in the link before [m]
+    axis: str  # of its joint
+    geom: str  # attributes of its shape: type, size [m], place of its centre [m], mass [kg]
+    sliding: bool = False  # whether its joint slides rather than turns
+
+
+@dataclass(frozen=True)
+class JointDrive:
+    """A joint's drive."""
+
+    gain: float  # position gain [N m/rad]
+    own: float  # damping of the servo's own, within its saturation [N m s/rad]
+    limit: float  # largest torque [N m]
+    armature: float  # reflected inertia [kg m²]
+    damping: float  # of the joint [N m s/rad]
+    friction: float  # Coulomb friction [N m]
+
+
+@dataclass(frozen=True)
+class Style:
+    """How a model is written."""
+
+    timestep: float  # [s]
+    integrator: str  # MuJoCo's word
+    spelling: str  # `position`, `general` or, for torques, `motor`
+    control: float | None  # commanded positions' half range [rad]; None for no range
+    suffix: str = "_servo"  # of an actuator's name behind its joint's
+
+
+def to_mjcf(joints: Sequence[str], links: Sequence[Link], servos: Sequence[JointDrive], style: Style) -> str:
+    """Write an arm; without servos where none are given."""
+    bodies = ""
+    for row in reversed(range(len(joints))):
+        drive = format_joint_attributes(servos[row], style) if servos else ""
+        kind = ' type="slide"' if links[row].sliding else ""
+        bodies = (
+            f'<body name="link_{joints[row]}" pos="{links[row].place}">'
+            f'<joint name="{joints[row]}" axis="{links[row].axis}"{kind}{drive}/>'
+            f'<geom {links[row].geom} contype="0" conaffinity="0"/>{bodies}</body>'
+        )
+    drives = "".join(format_actuator(joint, servo, style) for joint, servo in zip(joints, servos, strict=False))
+    sensors = "".join(f'<jointpos name="{joint}.pos" joint="{joint}"/>' for joint in joints)
+    return (
+        f'<mujoco model="arm"><compiler angle="radian" autolimits="true"/>'
+        f'<option timestep="{style.timestep}" integrator="{style.integrator}" gravity="0 0 {-GRAVITY}"/>'
+        f"<worldbody>{bodies}</worldbody><actuator>{drives}</actuator><sensor>{sensors}</sensor></mujoco>"
+    )
+
+
+def format_joint_attributes(servo: JointDrive, style: Style) -> str:
+    """Return a joint's attributes; its friction is as hard as the timestep allows, for gears do not creep."""
+    return (
+        f' damping="{servo.damping:.6g}" armature="{servo.armature:.6g}" frictionloss="{servo.friction:.6g}" '
+        f'solimpfriction="0.99 0.99 0.001" solreffriction="{2 * style.timestep} 1"'
+    )
+
+
+def format_actuator(joint: str, servo: JointDrive, style: Style) -> str:
+    """Return a servo or motor."""
+    law = {
+        "position": f'kp="{servo.gain:.6g}" kv="{servo.own:.6g}"',
+        "general": f'gainprm="{servo.gain:.6g}" biastype="affine" biasprm="0 {-servo.gain:.6g} {-servo.own:.6g}"',
+        "motor": f'ctrlrange="{-servo.limit:.6g} {servo.limit:.6g}"',
+    }[style.spelling]
+    ends = "" if style.control is None else f' ctrlrange="{-style.control} {style.control}"'
+    force = f'forcerange="{-servo.limit:.6g} {servo.limit:.6g}"'
+    return f'<{style.spelling} name="{joint}{style.suffix}" joint="{joint}" {law} {force}{ends}/>'
 
 
 def draw_arm(rng: np.random.Generator) -> NominalArm:
@@ -70,7 +138,16 @@ def draw_random_arm(rng: np.random.Generator, count: int = JOINTS) -> NominalArm
     beyond = [compute_gravity_and_inertia(lengths[link:], masses[link:]) for link in range(count)]
     servos = [draw_servo(rng, torque, inertia) for torque, inertia in beyond]
     joints = tuple(f"j{number}" for number in range(1, count + 1))
-    return NominalArm("random_arm", format_mjcf(joints, axes, lengths, masses, servos), joints)
+    places = [0.05, *lengths[:-1]]  # along z: the first joint 5 cm above the base
+    links = []
+    for place, axis, length, mass in zip(places, axes, lengths, masses, strict=True):
+        geom = (
+            f'type="box" size="{WIDTH / 2} {WIDTH / 2} {length / 2:.5f}" pos="0.004 0.003 {length / 2:.5f}" '
+            f'mass="{mass:.6g}"'
+        )
+        links.append(Link(f"0 0 {place:.5f}", " ".join("1" if row == axis else "0" for row in range(3)), geom))
+    style = Style(TIMESTEP, "implicitfast", "position", RANGE, suffix="")
+    return NominalArm("random_arm", to_mjcf(joints, links, servos, style), joints)
 
 
 def draw_axes(rng: np.random.Generator, count: int) -> list[int]:
@@ -89,50 +166,11 @@ def compute_gravity_and_inertia(lengths: np.ndarray, masses: np.ndarray) -> tupl
     return float(GRAVITY * (masses * centres).sum()), float((masses * (centres**2 + lengths**2 / 12)).sum())
 
 
-def draw_servo(rng: np.random.Generator, torque: float, inertia: float) -> dict[str, float]:
+def draw_servo(rng: np.random.Generator, torque: float, inertia: float) -> JointDrive:
     """Draw a servo: an XL-320 give or take, scaled up where the arm beyond it needs more."""
     scale = max(1.0, SPARE * torque / LIMIT)
-    drawn = dict(zip(("gain", "limit", "armature", "friction"), rng.uniform(0.75, 1.35, 4).tolist(), strict=True))
-    gain, armature = GAIN * scale * drawn["gain"], ARMATURE * scale * drawn["armature"]
+    gain, limit, armature, friction = rng.uniform(0.75, 1.35, 4).tolist()
+    gain, armature = GAIN * scale * gain, ARMATURE * scale * armature
     loss = 2 * rng.uniform(0.6, 1.1) * float(np.sqrt(gain * (armature + inertia / 2)))
     own = float(rng.choice([0.0, rng.uniform(0.3, 0.8)]))  # part of the damping that is the servo's
-    return {
-        "kp": gain,
-        "kv": own * loss,
-        "limit": LIMIT * scale * drawn["limit"],
-        "armature": armature,
-        "damping": (1 - own) * loss,
-        "friction": FRICTION * scale * drawn["friction"],
-    }
-
-
-def format_mjcf(
-    joints: tuple[str, ...], axes: list[int], lengths: np.ndarray, masses: np.ndarray, servos: list[dict[str, float]]
-) -> str:
-    """Write a random arm: links along z, the first joint 5 cm above the base."""
-    opened, closed = "", ""
-    below = 0.05
-    for name, axis, length, mass, drive in zip(joints, axes, lengths, masses, servos, strict=True):
-        direction = " ".join("1" if index == axis else "0" for index in range(3))
-        opened += (
-            f'<body name="link_{name}" pos="0 0 {below:.5f}">'
-            f'<joint name="{name}" axis="{direction}" damping="{drive["damping"]:.6g}" '
-            f'armature="{drive["armature"]:.6g}" frictionloss="{drive["friction"]:.6g}" '
-            f'solimpfriction="0.99 0.99 0.001" solreffriction="{2 * TIMESTEP} 1"/>'
-            f'<geom type="box" size="{WIDTH / 2} {WIDTH / 2} {length / 2:.5f}" pos="0.004 0.003 {length / 2:.5f}" '
-            f'mass="{mass:.6g}" contype="0" conaffinity="0"/>'
-        )
-        closed += "</body>"
-        below = float(length)
-    drives = "".join(
-        f'<position name="{name}" joint="{name}" kp="{drive["kp"]:.6g}" kv="{drive["kv"]:.6g}" '
-        f'forcerange="{-drive["limit"]:.6g} {drive["limit"]:.6g}" ctrlrange="{-RANGE} {RANGE}"/>'
-        for name, drive in zip(joints, servos, strict=True)
-    )
-    sensors = "".join(f'<jointpos name="{name}.pos" joint="{name}"/>' for name in joints)
-    return (
-        f'<mujoco model="arm"><compiler angle="radian" autolimits="true"/>'
-        f'<option timestep="{TIMESTEP}" integrator="implicitfast" gravity="0 0 {-GRAVITY}"/>'
-        f"<worldbody>{opened}{closed}</worldbody>"
-        f"<actuator>{drives}</actuator><sensor>{sensors}</sensor></mujoco>"
-    )
+    return JointDrive(gain, own * loss, LIMIT * scale * limit, armature, (1 - own) * loss, FRICTION * scale * friction)

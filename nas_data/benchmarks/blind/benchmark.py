@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from nas_data.benchmarks.blind.baselines.base import find_baseline
-from nas_data.benchmarks.blind.case import DEFAULT, FAMILIES, Identity
-from nas_data.benchmarks.blind.code import check_code
-from nas_data.benchmarks.blind.findings import Name
+from nas_data.benchmarks.blind.case import DEFAULT, FAMILIES, Identity, Name
 from nas_data.benchmarks.blind.plants.base import find_plant
 from nas_data.benchmarks.blind.record import CaseFailure, CaseRecord
-from nas_data.benchmarks.blind.run_case import Investigate, Judge
+from nas_data.benchmarks.blind.run_case import Investigate, Judge, check_code
 from nas_data.benchmarks.blind.settings.base import find_setting
 from nas_data.errors import OptionError, UnknownName
 
@@ -20,27 +18,16 @@ RESULTS, FOLDERS = "results", "cases"
 
 @dataclass(frozen=True)
 class BlindPlan:
-    """What is run.
+    """What is run."""
 
-    Attributes:
-        families: Families of cases.
-        plants: Plants that play them.
-        cases: Cases of each family on each plant.
-        seed: Master seed.
-        faint: Whether effects too small to be named may hide, for the power curve.
-        baselines: Methods that are given the same cases.
-        keep: Whether the datasets stay.
-        setting: What the cases look like.
-    """
-
-    families: tuple[str, ...]
-    plants: tuple[str, ...]
-    cases: int
-    seed: int
-    faint: bool = False
-    baselines: tuple[str, ...] = ()
-    keep: bool = False
-    setting: str = DEFAULT
+    families: tuple[str, ...]  # families of cases
+    plants: tuple[str, ...]  # plants that play them
+    cases: int  # cases of each family on each plant
+    seed: int  # master seed
+    faint: bool = False  # whether effects too small to be named may hide, for the power curve
+    baselines: tuple[str, ...] = ()  # methods that are given the same cases
+    keep: bool = False  # whether the datasets stay
+    setting: str = DEFAULT  # what the cases look like
 
     def check(self) -> None:
         """Say what is wrong before hours are spent.

@@ -14,17 +14,11 @@ Draw = Callable[[Rng, Constants, int, bool], Values]
 
 @dataclass(frozen=True)
 class Span:
-    """A log-uniform range.
+    """A log-uniform range."""
 
-    Attributes:
-        low: Its lower end.
-        high: Its upper end.
-        faint: How far the range goes where effects too small to be named are wanted, too.
-    """
-
-    low: float
-    high: float
-    faint: float
+    low: float  # its lower end
+    high: float  # its upper end
+    faint: float  # how far the range goes where effects too small to be named are wanted, too
 
     def draw(self, rng: Rng, faint: bool) -> float:
         """Draw a value."""
@@ -34,19 +28,12 @@ class Span:
 
 @dataclass(frozen=True)
 class EffectDraw:
-    """How one effect is drawn.
+    """How one effect is drawn."""
 
-    Attributes:
-        draw: Returns its parameters for a joint (by index); told whether faint effects are wanted.
-        per_joint: Whether it may sit in one joint.
-        whole_arm: Whether it may belong to the whole arm.
-        apart: Effects of one such word never share a joint: no data could tell them apart.
-    """
-
-    draw: Draw
-    per_joint: bool = True
-    whole_arm: bool = False
-    apart: str = ""
+    draw: Draw  # returns its parameters for a joint (by index); told whether faint effects are wanted
+    per_joint: bool = True  # whether it may sit in one joint
+    whole_arm: bool = False  # whether it may belong to the whole arm
+    apart: str = ""  # effects of one such word never share a joint: no data could tell them apart
 
 
 def make_draw(name: str, span: Span) -> Draw:

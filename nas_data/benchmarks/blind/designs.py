@@ -5,8 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from nas_data.benchmarks.blind.arms import RANGE, NominalArm
-from nas_data.benchmarks.blind.mjcf import JointDrive, Link, Style, to_mjcf
+from nas_data.benchmarks.blind.arms import RANGE, JointDrive, Link, NominalArm, Style, to_mjcf
 
 JOINTS = (2, 7)
 LENGTH = (0.05, 0.6)  # [m] of the links
@@ -74,10 +73,6 @@ def draw_link(rng: np.random.Generator, shape: str, before: float, length: float
 
 def measure_joint_loads(bare: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Return what each joint of an arm without servos carries over random postures.
-
-    Args:
-        bare: MJCF.
-        rng: Source of the postures.
 
     Returns:
         Mean inertia [kg m²] and largest gravity torque [N m], shape (n,) each.

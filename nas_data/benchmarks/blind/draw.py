@@ -1,16 +1,205 @@
 """Drawing a case: arm, base errors, hidden effects whose marks can be seen, commands, and what the plant does."""
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+
 import numpy as np
 
 from nas_data.benchmarks.blind.arms import NominalArm
-from nas_data.benchmarks.blind.case import DEFAULT, Case, Episodes, Identity
-from nas_data.benchmarks.blind.command_sequence import CommandSequence, Script
-from nas_data.benchmarks.blind.conditions import Conditions, Sensor
-from nas_data.benchmarks.blind.following import FollowingSession, find_reach
+from nas_data.benchmarks.blind.case import (
+    DEFAULT,
+    EVERY,
+    FAMILIES,
+    Base,
+    Case,
+    CommandSequence,
+    Conditions,
+    Episodes,
+    Hidden,
+    Identity,
+    Script,
+    Sensor,
+    Truth,
+)
+from nas_data.benchmarks.blind.catalogue import EVERYWHERE
+from nas_data.benchmarks.blind.machines import FollowingSession, find_reach
+from nas_data.benchmarks.blind.plants.base import find_plant
 from nas_data.benchmarks.blind.plants.constants import Constants
-from nas_data.benchmarks.blind.sampling import EffectSampler
+from nas_data.benchmarks.blind.settings.base import CaseSetting, find_setting
 from nas_data.benchmarks.blind.settings.base import Episodes as EpisodesOf
-from nas_data.benchmarks.blind.settings.base import find_setting
+from nas_data.errors import OptionError, SimulationDiverged
+
+FAINTEST_MARK = 0.3  # multiples of the noise floor from which an effect counts in the power curve
+SCREEN = "numpy"  # plant on which what is outside the catalogue is tried first: not every plant can play it
+TRIES = 3  # sizes of an effect before another effect is drawn
+UNLIKE = 1.3  # of the sizes of an effect that every joint has: the largest over the smallest, at most
+
+Show = Callable[[Sequence[Truth]], np.ndarray]  # truths → states (len(truths), E, T + 1, 2n)
+Group = tuple[Hidden, ...]  # one effect, in one place or in every joint
+
+
+@dataclass(frozen=True)
+class EffectSizes:
+    """Size of each hidden effect in the positions, from simulations with and without it."""
+
+    # RMS change of the position over all episodes, as a multiple of the noise floor, one for each effect
+    values: tuple[float, ...]
+    # joint of each value: the effect's own, or the one with the largest change for effects of the whole arm
+    joints: tuple[str, ...]
+    states: np.ndarray  # simulation with all effects, positions [rad] then velocities [rad/s], shape (E, T + 1, 2n)
+
+
+class EffectSampler:
+    """Hides effects in one case; remembers where its stream of randomness stands."""
+
+    def __init__(self, identity: Identity, setting: CaseSetting, arm: NominalArm, conditions: Conditions) -> None:
+        """Start the case's stream.
+
+        Raises:
+            OptionError: the setting hides no effect in every joint.
+        """
+        self.identity = identity
+        self.setting = setting
+        self.arm = arm
+        self.conditions = conditions
+        self.given = setting.given(identity, arm)
+        self.constants = Constants.of(arm.model())
+        self.screen = SCREEN if identity.family == "outside" else setting.screen
+        for hidden in self.given:  # sizes are drawn for the servos that the arm has, not for those of its model
+            if hidden.effect == "servo_stiffness" and hidden.joint is not None:
+                self.constants.gain[arm.joints.index(hidden.joint)] *= hidden.parameters["factor"]
+        self.kinds = setting.outside if identity.family == "outside" else setting.inside
+        if identity.family == EVERY:
+            self.kinds = {name: kind for name, kind in self.kinds.items() if name in EVERYWHERE}
+        if not self.kinds:
+            raise OptionError(f"The setting {identity.setting} hides nothing in every joint; choose another family.")
+        self.rng = identity.stream("effects")
+        self.least = FAINTEST_MARK if identity.faint else setting.least
+
+    def hide(self, script: Script) -> tuple[Truth, CommandSequence, EffectSizes]:
+        """Draw what hides until each of it can be seen on the case's own plant.
+
+        Raises:
+            SimulationDiverged: it never can.
+        """
+        base, groups = self._draw_base(), list[Group]()
+        while len(groups) < FAMILIES[self.identity.family]:
+            groups.append(self._another(flatten(groups)))
+        tries = [1] * len(groups)
+        for _ in range(self.setting.rounds):
+            truth = Truth(base, (*self.given, *flatten(groups)))
+            tape, marks, unfit = self._seen(truth, script)
+            unfit_groups = [
+                row for row, members in enumerate(number_groups(groups, len(self.given))) if members & unfit
+            ]
+            if not unfit_groups:
+                return truth, tape, marks
+            for row in unfit_groups:
+                same = tries[row] < TRIES
+                groups[row] = self._redraw(groups, row, same)
+                tries[row] = tries[row] + 1 if same else 1
+        raise SimulationDiverged(f"{self.identity.name} hides nothing that can be seen; use another number.")
+
+    def show(self, plant: str, truths: Sequence[Truth], tape: CommandSequence) -> np.ndarray:
+        """Return states (len(truths), E, T + 1, 2n) of a tape on a plant."""
+        period, settle = self.conditions.period, self.conditions.settle
+        return find_plant(plant)(self.arm, truths, tape.commands, tape.poses, period, settle, tape.start_speeds)
+
+    def _draw_base(self) -> Base:
+        """Draw the base errors; a motor gives the torque that it is told."""
+        base = Base.draw(len(self.arm.joints), self.identity.stream("base"))
+        return replace(base, stiffness=(1.0,) * len(self.arm.joints)) if self.conditions.pieces else base
+
+    def _seen(self, truth: Truth, script: Script) -> tuple[CommandSequence, EffectSizes, set[int]]:
+        """Return the marks, and which do not fit; a slow plant is asked only once the fast one sees them all."""
+        screened = self.identity.plant != self.screen and bool(truth.hidden)
+        for plant in (self.screen, self.identity.plant) if screened else (self.identity.plant,):
+            tape = script(plant, truth)
+            marks = measure_marks(
+                partial(self.show, plant, tape=tape), truth, self.arm.joints, self.conditions.sensor.floor
+            )
+            # what the setting gives is as large as it is
+            unfit = set(find_unfit_marks(marks.values, self.least, self.setting.most)) - set(range(len(self.given)))
+            if unfit:
+                break
+        return tape, marks, unfit
+
+    def _redraw(self, groups: Sequence[Group], row: int, same: bool) -> Group:
+        """Return one of the effects in another size, or another effect in its stead."""
+        if same:
+            return self._draw_size(groups[row][0].effect, [hidden.joint for hidden in groups[row]])
+        return self._another(flatten([*groups[:row], *groups[row + 1 :]]))
+
+    def _another(self, beside: Sequence[Hidden]) -> Group:
+        """Draw an effect, its place and its size; it can be told apart from those beside it."""
+        while True:
+            effect = str(self.rng.choice(sorted(self.kinds)))
+            kind = self.kinds[effect]
+            if self.identity.family == EVERY:
+                return self._draw_size(effect, self.constants.joints)
+            arm_wide = kind.whole_arm and (not kind.per_joint or self.rng.random() < 0.5)
+            joint = None if arm_wide else str(self.rng.choice(self.constants.joints))
+            if not any(self._is_confusable(effect, joint, other) for other in beside):
+                return self._draw_size(effect, [joint])
+
+    def _is_confusable(self, effect: str, joint: str | None, other: Hidden) -> bool:
+        """Whether two effects cannot be told apart: of one sort, in the same joint or in all of them."""
+        sort, others = (self.kinds[name].apart or name for name in (effect, other.effect))
+        return sort == others and (joint is None or other.joint is None or joint == other.joint)
+
+    def _draw_size(self, effect: str, joints: Sequence[str | None]) -> Group:
+        """Draw an effect's size; in several joints one size, give or take."""
+        draw, faint = self.kinds[effect].draw, self.identity.faint
+        if self.identity.family != EVERY:
+            row = 0 if joints[0] is None else self.constants.joints.index(joints[0])
+            return (Hidden(effect, joints[0], draw(self.rng, self.constants, row, faint)),)
+        seed = int(self.rng.integers(2**32))  # the same numbers, so that only what the joint makes of them differs
+        group = []
+        for row, joint in enumerate(self.constants.joints):
+            values = draw(np.random.default_rng(seed), self.constants, row, faint)
+            group.append(Hidden(effect, joint, scale_parameters(values, float(self.rng.uniform(0, np.log(UNLIKE))))))
+        return tuple(group)
+
+
+def scale_parameters(values: dict[str, float], distance: float) -> dict[str, float]:
+    """Return positive parameters that are further from nothing by a logarithmic distance; a factor further from 1."""
+    return {
+        name: value * float(np.exp(-distance if name == "factor" and value < 1 else distance))
+        for name, value in values.items()
+    }
+
+
+def flatten(groups: Sequence[Group]) -> Group:
+    """Return all effects of groups."""
+    return tuple(hidden for group in groups for hidden in group)
+
+
+def number_groups(groups: Sequence[Group], first: int) -> list[set[int]]:
+    """Return which numbers the effects of each group have, counted from the first on."""
+    ends = np.cumsum([first, *map(len, groups)]).tolist()
+    return [set(range(begin, end)) for begin, end in pairwise(ends)]
+
+
+def measure_marks(show: Show, truth: Truth, joints: Sequence[str], floor: float) -> EffectSizes:
+    """Simulate with all hidden effects, and without each of them; the floor is in radians."""
+    played = show([truth, *(truth.without(index) for index in range(len(truth.hidden)))])
+    positions = played[..., : len(joints)]
+    changes = [np.sqrt(np.square(positions[0] - without).mean(axis=(0, 1))) / floor for without in positions[1:]]
+    seen = [find_mark(change, joints, hidden.joint) for change, hidden in zip(changes, truth.hidden, strict=True)]
+    return EffectSizes(tuple(value for value, _ in seen), tuple(joint for _, joint in seen), played[0])
+
+
+def find_mark(change: np.ndarray, joints: Sequence[str], joint: str | None) -> tuple[float, str]:
+    """Return the mark of an effect and its joint, from the change in each joint."""
+    row = int(np.argmax(change)) if joint is None else joints.index(joint)
+    return float(change[row]), joints[row]
+
+
+def find_unfit_marks(marks: Sequence[float], least: float, most: float) -> list[int]:
+    """Return the effects whose mark is below the least or above the most, or not finite."""
+    return [index for index, value in enumerate(marks) if not (least <= value <= most and value < np.inf)]
 
 
 def draw_case(family: str, plant: str, number: int, seed: int, faint: bool = False, setting: str = DEFAULT) -> Case:

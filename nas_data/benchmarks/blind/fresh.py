@@ -1,15 +1,139 @@
-"""How well something predicts the episodes that were never handed over."""
+"""Playing fresh episodes on a delivered model in plain MuJoCo, as anyone could, and how well it predicts them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from nas_data.benchmarks.blind.resimulate import Delivered, find_actuators
+from nas_data.benchmarks.blind.case import SealedAnswer
+from nas_data.benchmarks.blind.plants.mujoco_plant import multiply
 from nas_data.benchmarks.blind.write import FRESH, NOMINAL
-from nas_data.errors import NasError
+from nas_data.dataset.features import POSITION
+from nas_data.effects.base import Effect, Scales, add_effects, find_joint_actuator, make_effect
+from nas_data.effects.edits.series import ensure_measured_tendon
+from nas_data.effects.edits.servo import read_force_range, read_servo_stiffness
+from nas_data.errors import JointMismatch, ModelFileError, NasError, UnknownName
+from nas_data.simulators.controls import find_length_control
+from nas_data.simulators.rest_states import settle_actuator
+
+SENSOR = ".pos"
+
+
+@dataclass(frozen=True)
+class Delivered:
+    """A model as it was delivered."""
+
+    model: mujoco.MjModel  # compiled
+    rate: float  # control rate [Hz]
+    actuators: tuple[int, ...]  # index of each joint's actuator
+    sensors: tuple[int, ...]  # where each joint's measured position lies among the sensors
+    # places in `qpos` that start at the first measured position: the joint's, and what its servo drives
+    rests: tuple[tuple[int, ...], ...]
+    moving: tuple[int, ...]  # place in `qvel` of each joint
+
+    @classmethod
+    def load(cls, file: Path, joints: Sequence[str], actuators: Sequence[str], rate: float) -> "Delivered":
+        """Load a model and find what the contract promises in it.
+
+        Args:
+            file: MJCF.
+            joints: Names of the measured joints.
+            actuators: Names of their actuators in the nominal model.
+            rate: Control rate [Hz].
+
+        Raises:
+            ModelFileError: it does not load, or lacks a joint, an actuator or a sensor that it must keep.
+        """
+        try:
+            model = mujoco.MjModel.from_xml_path(str(file))
+        except ValueError as error:
+            raise ModelFileError(f"{file} does not load in plain MuJoCo: {error}") from None
+        return cls.of(model, joints, actuators, rate, file)
+
+    @classmethod
+    def of(
+        cls, model: mujoco.MjModel, joints: Sequence[str], actuators: Sequence[str], rate: float, file: Path
+    ) -> "Delivered":
+        """Find the same in a compiled model; the file is for errors alone."""
+        model.opt.timestep = 1 / rate / int(np.ceil(1 / rate / model.opt.timestep - 1e-6))
+        servos = tuple(find(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name, file) for name in actuators)
+        sensors = [find(model, mujoco.mjtObj.mjOBJ_SENSOR, joint + SENSOR, file) for joint in joints]
+        hinges = [find(model, mujoco.mjtObj.mjOBJ_JOINT, joint, file) for joint in joints]
+        places = [int(model.jnt_qposadr[hinge]) for hinge in hinges]
+        driven = [find_qpos_index(model, servo) for servo in servos]
+        rests = tuple(tuple({own, *other}) for own, other in zip(places, driven, strict=True))
+        moving = tuple(int(model.jnt_dofadr[hinge]) for hinge in hinges)
+        return cls(model, rate, servos, tuple(int(model.sensor_adr[sensor]) for sensor in sensors), rests, moving)
+
+    def play(self, commands: np.ndarray, first: np.ndarray) -> np.ndarray:
+        """Return `<joint>.pos` after each command.
+
+        Args:
+            commands: Commanded positions [rad] or torques [N m], shape (E, T, n).
+            first: Positions [rad], then speeds [rad/s] with which each episode starts, shape (E, 2n); until then the
+                command was held at those positions, or no torque was told.
+
+        Returns:
+            Positions [rad], shape (E, T, n); NaN from where a simulation left all bounds.
+        """
+        return np.stack([self._simulate_episode(*pair) for pair in zip(commands, first, strict=True)])
+
+    def _simulate_episode(self, commands: np.ndarray, first: np.ndarray) -> np.ndarray:
+        model, data = self.model, mujoco.MjData(self.model)
+        controls = model.actuator_ctrladr[list(self.actuators)]
+        positions, speeds = np.split(first, 2)
+        data.ctrl[controls] = np.where(
+            [find_length_control(model, servo).kind == POSITION for servo in self.actuators], positions, 0.0
+        )
+        for places, position in zip(self.rests, positions, strict=True):
+            data.qpos[list(places)] = position
+        data.qvel[list(self.moving)] = speeds
+        for actuator in range(len(model.actuator_trntype)):
+            settle_actuator(model, data, actuator)
+        substeps = round(1 / self.rate / model.opt.timestep)
+        shown = np.full(commands.shape, np.nan)
+        for step, command in enumerate(commands):
+            data.ctrl[controls] = command
+            mujoco.mj_step(model, data, substeps)
+            if abs(data.time - (step + 1) / self.rate) > 0.5 / self.rate:  # the engine starts over after a divergence
+                break
+            mujoco.mj_fwdPosition(model, data)  # a step leaves the sensors of its beginning
+            mujoco.mj_sensorPos(model, data)
+            shown[step] = data.sensordata[list(self.sensors)]
+        return shown
+
+
+def find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, file: Path) -> int:
+    """Return the index of a named thing."""
+    index = int(mujoco.mj_name2id(model, kind, name))
+    if index < 0:
+        raise ModelFileError(
+            f"{file} has no '{name}' ({kind.name}); a delivered model keeps joints, actuators, sensors."
+        )
+    return index
+
+
+def find_qpos_index(model: mujoco.MjModel, actuator: int) -> tuple[int, ...]:
+    """Return the place in `qpos` of the joint that an actuator drives, which may be a goal beside the arm."""
+    if int(model.actuator_trntype[actuator]) != int(mujoco.mjtTrn.mjTRN_JOINT):
+        return ()
+    return (int(model.jnt_qposadr[model.actuator_trnid[actuator, 0]]),)
+
+
+def find_actuators(file: Path, joints: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the actuators that drive the joints of a nominal model.
+
+    Raises:
+        JointMismatch: a joint has no named actuator.
+    """
+    spec = mujoco.MjSpec.from_file(str(file))
+    names = {actuator.target: actuator.name for actuator in spec.actuators}
+    if missing := [joint for joint in joints if not names.get(joint)]:
+        raise JointMismatch(f"{file} has no named actuator for the joint '{missing[0]}'.")
+    return tuple(names[joint] for joint in joints)
+
 
 # commands (E, T, n), first positions and speeds (E, 2n) → positions (E, T, n)
 Predict = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -17,51 +141,32 @@ Predict = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 @dataclass(frozen=True, kw_only=True)
 class FreshErrors:
-    """Errors of a prediction of the fresh episodes, RMSE [rad].
+    """Errors of a prediction of the fresh episodes, RMSE [rad]."""
 
-    Attributes:
-        floor: Of a perfect prediction.
-        after: Of the prediction; None where it left all bounds, or nothing could be predicted.
-    """
-
-    floor: float
-    after: float | None
+    floor: float  # of a perfect prediction
+    after: float | None  # of the prediction; None where it left all bounds, or nothing could be predicted
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModelErrors(FreshErrors):
-    """Errors of a delivered model, and of others beside it.
+    """Errors of a delivered model, and of others beside it."""
 
-    Attributes:
-        before: Of the nominal model; None where it left all bounds.
-        fault: Why the delivered model cannot be used; None if it can.
-        least: Of who knows the answer; None where no model file says it.
-    """
-
-    before: float | None
+    before: float | None  # of the nominal model; None where it left all bounds
+    # why the delivered model cannot be used; None if it can
     fault: str | None = field(default=None, metadata={"optional": True})
-    least: float | None = None
+    least: float | None = None  # of who knows the answer; None where no model file says it
 
 
 @dataclass(frozen=True)
 class Fresh:
-    """Episodes that were kept back.
+    """Episodes that were kept back."""
 
-    Attributes:
-        joints: Names of the measured joints.
-        rate: Control rate [Hz].
-        commands: [rad, N m], shape (E, T, n).
-        positions: True positions [rad], shape (E, T + 1, n).
-        readings: The same with noise and rounding.
-        starts: Where a prediction starts, positions [rad] then speeds [rad/s], shape (E, 2n).
-    """
-
-    joints: tuple[str, ...]
-    rate: float
-    commands: np.ndarray
-    positions: np.ndarray
-    readings: np.ndarray
-    starts: np.ndarray
+    joints: tuple[str, ...]  # names of the measured joints
+    rate: float  # control rate [Hz]
+    commands: np.ndarray  # [rad, N m], shape (E, T, n)
+    positions: np.ndarray  # True positions [rad], shape (E, T + 1, n)
+    readings: np.ndarray  # the same with noise and rounding
+    starts: np.ndarray  # where a prediction starts, positions [rad] then speeds [rad/s], shape (E, 2n)
 
     @classmethod
     def load(cls, folder: Path, joints: tuple[str, ...]) -> "Fresh":
@@ -100,3 +205,48 @@ class Fresh:
 
     def _load_model(self, file: Path, servos: tuple[str, ...]) -> Delivered:
         return Delivered.load(file, self.joints, servos, self.rate)
+
+
+WINDOW = 0.05  # [s] over which speeds are taken
+LEAN = 0.5  # [rad] of error at which a servo without limits gives a large torque
+FINE = 0.0005  # [s] physics step at which what a step costs is below the noise
+
+
+def compute_oracle_error(folder: Path, answer: SealedAnswer, fresh: Fresh) -> float | None:
+    """Return the RMSE [rad] on the fresh episodes of a case's model with the true effects, at the true base.
+
+    Fresh episodes start at the first measured pose, whatever was commanded before. Who names everything rightly still
+    errs until a play, a band or a delayed command has been forgotten; nobody should be asked for less.
+
+    Returns:
+        None where the answer is outside the catalogue or beyond a model file, or the model left all bounds.
+    """
+    try:
+        effects = [make_effect(entry.effect, entry.joint, entry.parameters) for entry in answer.effects]
+    except UnknownName:
+        return None
+    spec = mujoco.MjSpec.from_file(str(folder / NOMINAL))
+    spec.option.timestep = min(spec.option.timestep, FINE)
+    multiply(spec, fresh.joints, answer.base)
+    forms = [effect.written_form(measure_scales(spec, effect, fresh)) for effect in effects]
+    try:
+        add_effects(spec, [form for form in forms if form is not None])
+    except ModelFileError:
+        return None
+    for joint in fresh.joints:
+        ensure_measured_tendon(spec, joint)
+    return None if None in forms else fresh.error_of(spec.compile(), folder / NOMINAL)
+
+
+def measure_scales(spec: mujoco.MjSpec, effect: Effect, fresh: Fresh) -> Scales:
+    """Return what is large at an effect's joint, by model and fresh episodes; at the first one for the arm's effects.
+
+    A load friction's form in a file is made for a torque and a speed, and for nothing else.
+    """
+    joint = fresh.joints[0] if effect.joint is None else effect.joint
+    gap = max(1, round(WINDOW * fresh.rate))
+    moved = np.abs(fresh.positions[:, gap:] - fresh.positions[:, :-gap])[..., fresh.joints.index(joint)]
+    speed = float(np.percentile(moved, 98)) * fresh.rate / gap
+    limits = read_force_range(find_joint_actuator(spec, joint))
+    torque = max(map(abs, limits)) if limits else read_servo_stiffness(spec, joint) * LEAN
+    return Scales(read_servo_stiffness(spec, joint), 0.0, 0.0, 0.0, torque, speed)

@@ -1,12 +1,98 @@
-"""Grade of a case: the report compared with the sealed answer."""
+"""Grade of a case: the gap report, in the contract's form, compared with the sealed answer."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from nas_data.benchmarks.blind.answer import HiddenEntry, SealedAnswer
+from nas_data.benchmarks.blind.case import HiddenEntry, Name, SealedAnswer
 from nas_data.benchmarks.blind.catalogue import OUTSIDE
-from nas_data.benchmarks.blind.findings import Name, ReportedEffect, ReportEntries
+from nas_data.errors import DatasetInvalid
+from nas_data.typed_json import FormError, from_json
+
+SAME = ""  # joint of an alternative that names none: the joint of the effect beside it
+
+
+@dataclass(frozen=True)
+class ReportedEffect:
+    """One claimed effect."""
+
+    name: Name  # effect and joint
+    parameters: Mapping[str, float]  # parameter → value
+    intervals: Mapping[str, tuple[float, float]]  # parameter → its 95 % interval, if one is given
+    confidence: float  # between 0 and 1
+    alternatives: tuple[Name, ...]  # effects listed beside it
+
+
+@dataclass(frozen=True)
+class ParameterEntry:
+    """Parameter of an effect in a report; a number that is not finite is null."""
+
+    value: float | None
+    interval95: tuple[float | None, float | None] | None = None
+
+
+@dataclass(frozen=True)
+class AlternativeEntry:
+    """Alternative to an effect in a report."""
+
+    effect: str
+    joint: str | None = SAME
+
+
+@dataclass(frozen=True)
+class EffectEntry:
+    """Effect in a report."""
+
+    effect: str
+    joint: str | None
+    parameters: Mapping[str, ParameterEntry]
+    confidence: float | None
+    alternatives: tuple[AlternativeEntry, ...] | None = None
+
+    def claim(self) -> ReportedEffect:
+        """Return the entry with plain numbers."""
+        intervals = {key: one.interval95 for key, one in self.parameters.items() if one.interval95 is not None}
+        return ReportedEffect(
+            (self.effect, self.joint),
+            {key: read_number(one.value) for key, one in self.parameters.items()},
+            {key: (read_number(low, math.inf), read_number(high, math.inf)) for key, (low, high) in intervals.items()},
+            read_number(self.confidence),
+            tuple((one.effect, self.joint if one.joint == SAME else one.joint) for one in self.alternatives or ()),
+        )
+
+
+@dataclass(frozen=True)
+class UnexplainedEntry:
+    """Joint with an unexplained gap in a report."""
+
+    joint: str | None = None
+
+
+@dataclass(frozen=True)
+class ReportEntries:
+    """The graded entries of a report."""
+
+    effects: tuple[EffectEntry, ...]
+    verdict: str | None = None
+    unexplained: tuple[UnexplainedEntry, ...] | None = None
+
+    @classmethod
+    def of(cls, report: Mapping[str, object]) -> "ReportEntries":
+        """Read a report.
+
+        Raises:
+            DatasetInvalid: it does not have the contract's form.
+        """
+        try:
+            return from_json(cls, report)
+        except FormError as error:
+            raise DatasetInvalid(f"The report has not the contract's form: {error}.") from None
+
+
+def read_number(value: float | None, missing: float = math.nan) -> float:
+    """Return a number; JSON has none for what is not finite."""
+    return missing if value is None else value
+
 
 CONFIDENT = 0.8  # from here on a wrong name is the worst outcome
 ABOVE_FLOOR = frozenset({"unexplained", "partly_explained"})
@@ -20,27 +106,16 @@ RIGHT_VERDICTS = {
 
 @dataclass(frozen=True)
 class NamesGrade:
-    """Named effects compared with the hidden ones.
+    """Named effects compared with the hidden ones."""
 
-    Attributes:
-        exact: Whether they are the same.
-        missing: Hidden effects that are not named.
-        extra: Named effects that are not hidden.
-        wrong_joint: Extra names whose effect is hidden in another joint.
-        listed_beside: Missing names that are listed as alternatives.
-        abstained: Whether nothing is named although something is hidden.
-        confident_wrong: Whether a wrong name has a high confidence.
-        confident_wrong_without_the_true_one_beside: The same, without a missing name among its alternatives.
-    """
-
-    exact: bool
-    missing: tuple[Name, ...]
-    extra: tuple[Name, ...]
-    wrong_joint: tuple[Name, ...]
-    listed_beside: tuple[Name, ...]
-    abstained: bool
-    confident_wrong: bool
-    confident_wrong_without_the_true_one_beside: bool
+    exact: bool  # whether they are the same
+    missing: tuple[Name, ...]  # hidden effects that are not named
+    extra: tuple[Name, ...]  # named effects that are not hidden
+    wrong_joint: tuple[Name, ...]  # extra names whose effect is hidden in another joint
+    listed_beside: tuple[Name, ...]  # missing names that are listed as alternatives
+    abstained: bool  # whether nothing is named although something is hidden
+    confident_wrong: bool  # whether a wrong name has a high confidence
+    confident_wrong_without_the_true_one_beside: bool  # the same, without a missing name among its alternatives
 
 
 @dataclass(frozen=True)
@@ -66,36 +141,22 @@ class ParameterGrade:
 
 @dataclass(frozen=True)
 class CaseGrade(NamesGrade):
-    """Grade of a report.
+    """Grade of a report."""
 
-    Attributes:
-        true: Hidden effects.
-        named: Named effects.
-        marks: Mark of each hidden effect.
-        verdict: Verdict of the report.
-        verdict_right: Whether the verdict is right.
-        confidences: Confidence of each finding.
-        parameters: Parameters of the effects that are named rightly.
-        unexplained_joint_named: Whether the report marks the joint of an effect outside the catalogue as unexplained;
-            None if there is no such effect.
-    """
-
-    true: tuple[Name, ...]
-    named: tuple[Name, ...]
-    marks: tuple[float, ...]
-    verdict: str | None
-    verdict_right: bool
-    confidences: tuple[ConfidenceGrade, ...]
-    parameters: tuple[ParameterGrade, ...]
+    true: tuple[Name, ...]  # hidden effects
+    named: tuple[Name, ...]  # named effects
+    marks: tuple[float, ...]  # mark of each hidden effect
+    verdict: str | None  # verdict of the report
+    verdict_right: bool  # whether the verdict is right
+    confidences: tuple[ConfidenceGrade, ...]  # confidence of each finding
+    parameters: tuple[ParameterGrade, ...]  # parameters of the effects that are named rightly
+    # whether the report marks the joint of an effect outside the catalogue as unexplained; None if there is no such
+    # effect
     unexplained_joint_named: bool | None
 
 
 def grade_names(answer: SealedAnswer, report: Mapping[str, object]) -> CaseGrade:
-    """Compare a report with the answer of its case.
-
-    Args:
-        answer: The sealed answer.
-        report: Content of `report.json`.
+    """Compare the content of a `report.json` with the sealed answer of its case.
 
     Raises:
         DatasetInvalid: the report does not have the contract's form.

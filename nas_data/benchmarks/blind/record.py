@@ -5,8 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from nas_data.benchmarks.blind.case import Identity
-from nas_data.benchmarks.blind.findings import Name
+from nas_data.benchmarks.blind.case import Identity, Name
 from nas_data.benchmarks.blind.fresh import FreshErrors, ModelErrors
 from nas_data.benchmarks.blind.grade import CaseGrade, NamesGrade
 from nas_data.dataset.staging import write_synced
@@ -19,89 +18,54 @@ INLINE = {"inline": True}
 
 @dataclass(frozen=True)
 class CaseFailure:
-    """Error that a workflow or a baseline raised.
+    """Error that a workflow or a baseline raised."""
 
-    Attributes:
-        fault: The error as a sentence.
-    """
-
-    fault: str
+    fault: str  # the error as a sentence
     verdict: str = FAILED
     exact: bool = False
 
 
 @dataclass(frozen=True)
 class GradedCase:
-    """What the workflow under test found.
+    """What the workflow under test found."""
 
-    Attributes:
-        grade: Grade of its report.
-        seconds: Its wall time [s].
-        fresh: Errors of its model on the fresh episodes.
-    """
-
-    grade: CaseGrade = field(metadata=INLINE)
-    seconds: float
-    fresh: ModelErrors
+    grade: CaseGrade = field(metadata=INLINE)  # grade of its report
+    seconds: float  # its wall time [s]
+    fresh: ModelErrors  # errors of its model on the fresh episodes
 
 
 @dataclass(frozen=True)
 class GradedAnswer:
-    """What a baseline found.
+    """What a baseline found."""
 
-    Attributes:
-        grade: Grade of the effects that it named.
-        true: Hidden effects of the catalogue.
-        named: Named effects.
-        seconds: Its wall time [s].
-        fresh: Errors of its prediction of the fresh episodes.
-    """
-
-    grade: NamesGrade = field(metadata=INLINE)
-    true: tuple[Name, ...]
-    named: tuple[Name, ...]
-    seconds: float
-    fresh: FreshErrors
+    grade: NamesGrade = field(metadata=INLINE)  # grade of the effects that it named
+    true: tuple[Name, ...]  # hidden effects of the catalogue
+    named: tuple[Name, ...]  # named effects
+    seconds: float  # its wall time [s]
+    fresh: FreshErrors  # errors of its prediction of the fresh episodes
 
 
 @dataclass(frozen=True)
 class BaselineRecord:
-    """A baseline on a case.
+    """A baseline on a case."""
 
-    Attributes:
-        outcome: What it found, or its error.
-        code: Hash of the code that answered.
-    """
-
-    outcome: CaseFailure | GradedAnswer = field(metadata=INLINE)
-    code: str | None = None
+    outcome: CaseFailure | GradedAnswer = field(metadata=INLINE)  # what it found, or its error
+    code: str | None = None  # hash of the code that answered
 
 
 @dataclass(frozen=True, kw_only=True)
 class CaseRecord:
-    """A finished case.
+    """A finished case."""
 
-    Attributes:
-        case: Its name.
-        identity: What names it.
-        arm: Name of the arm.
-        excitation: Name of the command signal.
-        code: Hash of the code that decided it; None if the file names none.
-        commit: Commit of this package; None if unknown.
-        drawing_seconds: Wall time of its drawing [s].
-        outcome: What the workflow found, or its error.
-        baselines: Baselines by name.
-    """
-
-    case: str
-    identity: Identity = field(metadata=INLINE)
-    arm: str
-    excitation: str
-    code: str | None = None
-    commit: str | None = None
-    drawing_seconds: float
-    outcome: CaseFailure | GradedCase = field(metadata=INLINE)
-    baselines: Mapping[str, BaselineRecord] = field(default_factory=dict)
+    case: str  # its name
+    identity: Identity = field(metadata=INLINE)  # what names it
+    arm: str  # name of the arm
+    excitation: str  # name of the command signal
+    code: str | None = None  # hash of the code that decided it; None if the file names none
+    commit: str | None = None  # commit of this package; None if unknown
+    drawing_seconds: float  # wall time of its drawing [s]
+    outcome: CaseFailure | GradedCase = field(metadata=INLINE)  # what the workflow found, or its error
+    baselines: Mapping[str, BaselineRecord] = field(default_factory=dict)  # baselines by name
 
     @classmethod
     def read(cls, path: Path) -> "CaseRecord | None":

@@ -1,26 +1,69 @@
-"""One case from its drawing to its grade: written, investigated, judged, and tidied away."""
+"""One case from its drawing to its grade, and the hash of the code that decides it."""
 
 import shutil
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from nas_data.benchmarks.blind.answer import SealedAnswer
 from nas_data.benchmarks.blind.baselines.base import find_baseline
-from nas_data.benchmarks.blind.case import Identity
-from nas_data.benchmarks.blind.code import hash_baseline_code, hash_case_code
-from nas_data.benchmarks.blind.draw import draw_case
-from nas_data.benchmarks.blind.fresh import Fresh, FreshErrors
+from nas_data.benchmarks.blind.case import Identity, SealedAnswer
+from nas_data.benchmarks.blind.draw import SCREEN, draw_case
+from nas_data.benchmarks.blind.fresh import Fresh, FreshErrors, compute_oracle_error
 from nas_data.benchmarks.blind.grade import compare_names, grade_names
-from nas_data.benchmarks.blind.oracle_error import compute_oracle_error
+from nas_data.benchmarks.blind.plants.base import SUFFIX
 from nas_data.benchmarks.blind.record import BaselineRecord, CaseFailure, CaseRecord, GradedAnswer, GradedCase
+from nas_data.benchmarks.blind.settings.base import find_setting
 from nas_data.benchmarks.blind.write import DATASET, NOMINAL, write_case
+from nas_data.count_of import count_of
 from nas_data.dataset.layout import read_json
+from nas_data.errors import OutputExists
+from nas_data.runs.code_hash import hash_code, list_gap_modules
 from nas_data.runs.environment_info import find_commit
+
+
+def hash_case_code(identity: Identity) -> str:
+    """Return the hash of what draws a case, plays it, names what hides in it and grades the names."""
+    played_on = {identity.plant, SCREEN, find_setting(identity.setting).screen}
+    plants = (f"nas_data.benchmarks.blind.plants.{plant}{SUFFIX}" for plant in played_on)
+    setting = f"nas_data.benchmarks.blind.settings.{identity.setting}"
+    return hash_code(*list_gap_modules(), *plants, setting, "nas_data.benchmarks.blind.run_case")
+
+
+def hash_baseline_code(name: str) -> str:
+    """Return the hash of what a baseline answers; what grades it is the case's."""
+    return hash_code(f"nas_data.benchmarks.blind.baselines.{name}")
+
+
+def check_code(records: Mapping[Identity, CaseRecord], folder: Path) -> None:
+    """Refuse records of other code, before hours are spent.
+
+    Raises:
+        OutputExists: some were judged by other code, or by code that they do not name.
+    """
+    other = [record for identity, record in records.items() if not is_by_this_code(identity, record)]
+    if other:
+        raise OutputExists(
+            f"{folder} holds {count_of(len(other), 'case')} judged by other code of nas_data "
+            f"({tell_commits(other)}): the search, the cases or the grading were changed since; "
+            f"remove {folder} or choose another --out."
+        )
+
+
+def is_by_this_code(identity: Identity, record: CaseRecord) -> bool:
+    """Whether a case and all baselines on it were judged by the present code."""
+    same = all(answer.code == hash_baseline_code(name) for name, answer in record.baselines.items())
+    return same and record.code == hash_case_code(identity)
+
+
+def tell_commits(records: Sequence[CaseRecord]) -> str:
+    """Name the commits of records."""
+    commits = sorted({record.commit[:12] for record in records if record.commit})
+    return f"commit {', '.join(commits)}" if commits else "they name no commit"
+
 
 Investigate = Callable[[Path, Path, Path], None]  # dataset, nominal model, folder of the report
 Outcome = TypeVar("Outcome")
@@ -30,17 +73,11 @@ FOUND = "found"  # the workflow's folder within a case's
 
 @dataclass(frozen=True)
 class Judge:
-    """How cases are judged.
+    """How cases are judged."""
 
-    Attributes:
-        investigate: The workflow under test.
-        baselines: Names of the baselines that are given the same.
-        keep: Whether the datasets stay.
-    """
-
-    investigate: Investigate
-    baselines: tuple[str, ...] = ()
-    keep: bool = False
+    investigate: Investigate  # the workflow under test
+    baselines: tuple[str, ...] = ()  # names of the baselines that are given the same
+    keep: bool = False  # whether the datasets stay
 
     def is_done(self, record: CaseRecord) -> bool:
         """Whether a record holds all that is asked for."""

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from nas_data.benchmarks.blind.grade import CaseGrade, ConfidenceGrade
+from nas_data.benchmarks.blind.grade import CaseGrade, ConfidenceGrade, NamesGrade
 from nas_data.benchmarks.blind.record import FAILED, CaseFailure, CaseRecord, GradedAnswer, GradedCase
 from nas_data.text_table import align_columns
 
@@ -35,8 +35,11 @@ Row = dict[str, Cell]
 def make_tables(records: Sequence[CaseRecord]) -> dict[str, list[Row]]:
     """Return every table of finished cases as rows."""
     grades = [case.grade for case in list_graded(records)]
+    groups: dict[tuple[str, str], list[CaseRecord]] = {}  # by family and plant, in the order in which they first appear
+    for record in records:
+        groups.setdefault((record.identity.family, record.identity.plant), []).append(record)
     return {
-        "families": [summarise_family(*group) for group in group_by_family(records)],
+        "families": [summarise_family(*group, members) for group, members in groups.items()],
         "confusions": count_confusions(grades),
         "reliability": compute_reliability([entry for grade in grades for entry in grade.confidences]),
         "power": compute_power(records),
@@ -49,14 +52,6 @@ def list_graded(records: Sequence[CaseRecord]) -> list[GradedCase]:
     return [record.outcome for record in records if isinstance(record.outcome, GradedCase)]
 
 
-def group_by_family(records: Sequence[CaseRecord]) -> Iterable[tuple[str, str, list[CaseRecord]]]:
-    """Group by family and plant, in the order in which they first appear."""
-    groups: dict[tuple[str, str], list[CaseRecord]] = {}
-    for record in records:
-        groups.setdefault((record.identity.family, record.identity.plant), []).append(record)
-    return [(family, plant, group) for (family, plant), group in groups.items()]
-
-
 def summarise_family(family: str, plant: str, records: Sequence[CaseRecord]) -> Row:
     """Summarise one family on one plant; what failed is wrong, but not confidently so."""
     done = list_graded(records)
@@ -67,10 +62,7 @@ def summarise_family(family: str, plant: str, records: Sequence[CaseRecord]) -> 
         "plant": plant,
         "cases": len(records),
         "failed": failed,
-        "exact": compute_share((grade.exact for grade in grades), failed),
-        "confident_wrong": compute_share((grade.confident_wrong for grade in grades), failed),
-        "abstained": compute_share((grade.abstained for grade in grades), failed),
-        "verdict_right": compute_share((grade.verdict_right for grade in grades), failed),
+        **compute_shares(grades, ("exact", "confident_wrong", "abstained", "verdict_right"), failed),
         "verdicts": Counter([*(str(grade.verdict) for grade in grades), *[FAILED] * failed]),
         "rest_over_floor": median(compute_rest(one.after, one.floor) for one in errors),
         "least_over_floor": median(compute_rest(one.least, one.floor) for one in errors if one.least),
@@ -91,6 +83,11 @@ def compute_share(flags: Iterable[bool | None], failed: int = 0) -> float | None
     """Return the share of true ones among those that are known and those that failed; None of none."""
     known = [flag for flag in flags if flag is not None]
     return sum(known) / (len(known) + failed) if known or failed else None
+
+
+def compute_shares(grades: Sequence[NamesGrade], names: Sequence[str], failed: int = 0) -> dict[str, float | None]:
+    """Return the share of grades in which each of some flags is true; what failed is false."""
+    return {name: compute_share((getattr(grade, name) for grade in grades), failed) for name in names}
 
 
 def median(values: Iterable[float | None]) -> float | None:
@@ -129,11 +126,7 @@ def compute_power(records: Sequence[CaseRecord]) -> list[Row]:
     for low, high in pairwise((*MARKS, np.inf)):
         inside = [grade for grade in single if low <= grade.marks[0] < high]
         if inside:
-            shares = {
-                "exact": compute_share(grade.exact for grade in inside),
-                "confident_wrong": compute_share(grade.confident_wrong for grade in inside),
-                "abstained": compute_share(grade.abstained for grade in inside),
-            }
+            shares = compute_shares(inside, ("exact", "confident_wrong", "abstained"))
             rows.append({"from": low, "to": high, "cases": len(inside), **shares})
     return rows
 
@@ -161,8 +154,7 @@ def summarise_baseline(name: str, family: str, answers: Sequence[CaseFailure | G
         "family": family,
         "cases": len(answers),
         "failed": failed,
-        "exact": compute_share((answer.grade.exact for answer in done), failed),
-        "confident_wrong": compute_share((answer.grade.confident_wrong for answer in done), failed),
+        **compute_shares([answer.grade for answer in done], ("exact", "confident_wrong"), failed),
         "rest_over_floor": median(compute_rest(answer.fresh.after, answer.fresh.floor) for answer in done),
         "seconds": median(answer.seconds for answer in done),
     }

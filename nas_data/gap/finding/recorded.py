@@ -15,19 +15,12 @@ STILL = 4.0  # noise floors; a joint that moves less is at rest; one quantum is 
 
 @dataclass(frozen=True)
 class RecordedRows:
-    """E episodes of up to T rows of n joints.
+    """E episodes of up to T rows of n joints."""
 
-    Attributes:
-        evidence: The same episodes as a batch.
-        positions: Positions before each command [rad; m], shape (E, T, n).
-        velocities: Velocities before each command [rad/s; m/s], shape (E, T, n).
-        times: Recorder's clock [s], shape (E, T); None without one.
-    """
-
-    evidence: EpisodeBatch
-    positions: np.ndarray
-    velocities: np.ndarray
-    times: np.ndarray | None
+    evidence: EpisodeBatch  # the same episodes as a batch
+    positions: np.ndarray  # positions before each command [rad; m], shape (E, T, n)
+    velocities: np.ndarray  # velocities before each command [rad/s; m/s], shape (E, T, n)
+    times: np.ndarray | None  # Recorder's clock [s], shape (E, T); None without one
 
     @classmethod
     def of(cls, dataset: Dataset, evidence: EpisodeBatch) -> "RecordedRows":

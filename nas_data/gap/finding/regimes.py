@@ -1,14 +1,75 @@
-"""Error of each joint in each bin of each condition, compared with its other rows."""
+"""Error of each joint in each bin of each condition, compared with its other rows.
+
+Episodes are independent, rows are not. A bin is compared with other rows within each episode, and the signs of the
+differences are permuted (sign-flip test). For bins of whole episodes, the labels are permuted. Tests are exact if all
+permutations can be enumerated, else sampled. Holm's correction (Scandinavian Journal of Statistics 6, 1979) bounds the
+probability of one false alarm among all bins.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
+from math import comb
 
 import numpy as np
 
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding.conditions import Condition
-from nas_data.gap.finding.significance import compute_grouped_chance, compute_paired_chance, correct_holm
 from nas_data.gap.report_parts import Bin
+
+LEVEL = 0.05  # probability of one false alarm among all bins of an arm
+COUNTED = 2**14  # most permutations that are enumerated
+DRAWN = 20_000  # permutations sampled otherwise
+SLACK = 1e-9  # relative rounding error of equal sums
+
+
+def compute_paired_chance(differences: np.ndarray, rng: np.random.Generator) -> float:
+    """Return the two-sided p-value of the mean of differences (E,) under random signs, sampled if too many."""
+    count = len(differences)
+    if not count:
+        return 1.0
+    exact = 2**count <= COUNTED
+    if exact:
+        signs = 1 - 2 * (np.arange(2**count)[:, None] >> np.arange(count) & 1)
+    else:
+        signs = rng.choice((-1, 1), (DRAWN, count))
+    return _compute_p_value(signs @ differences, float(differences.sum()), exact)
+
+
+def compute_grouped_chance(values: np.ndarray, chosen: np.ndarray, rng: np.random.Generator) -> float:
+    """Return the two-sided p-value of the difference between chosen (E,) and other values (E,) under random labels."""
+    count, size = len(values), int(chosen.sum())
+    if not 0 < size < count:
+        return 1.0
+    centred = values - values.mean()
+    exact = comb(count, size) <= COUNTED
+    if exact:
+        sums = np.array([centred[list(rows)].sum() for rows in combinations(range(count), size)])
+    else:
+        order = rng.random((DRAWN, count)).argsort(axis=1)[:, :size]
+        sums = centred[order].sum(axis=1)
+    return _compute_p_value(sums, float(centred[chosen].sum()), exact)
+
+
+def _compute_p_value(sums: np.ndarray, found: float, exact: bool) -> float:
+    """Return the share of permutations with a sum at least as large in size, including the observed one."""
+    as_large = int((np.abs(sums) >= abs(found) * (1 - SLACK)).sum())
+    return as_large / len(sums) if exact else (1 + as_large) / (1 + len(sums))
+
+
+def correct_holm(chances: np.ndarray, level: float = LEVEL) -> np.ndarray:
+    """Return which of m tests with p-values (m,) are significant at a level by Holm's correction, shape (m,)."""
+    order = np.argsort(chances, kind="stable")
+    passed = chances[order] <= level / np.arange(len(chances), 0, -1)
+    result = np.zeros(len(chances), bool)
+    result[order] = np.logical_and.accumulate(passed)
+    return result
+
+
+def count_episodes_needed(tests: int, level: float = LEVEL) -> int:
+    """Return the number of episodes from which a sign-flip test can be significant after correction."""
+    return int(np.ceil(np.log2(2 * max(tests, 1) / level)))
+
 
 FEWEST = 20  # fewest rows inside and outside a bin
 VISIBLE = 1.2  # noise floors above which a joint's bins are tested

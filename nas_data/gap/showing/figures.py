@@ -9,28 +9,15 @@ from matplotlib.figure import Figure
 from nas_data.gap.report import GapReport
 from nas_data.gap.showing.series import Series
 from nas_data.joint_units import JointUnit, find_joint_unit
-from nas_data.reports.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    LIGHT,
-    ORANGE,
-    OTHERS,
-    PURPLE,
-    STROKES,
-    WIDTH,
-    Stroke,
-    house_style,
-    place_legend_above,
-)
+from nas_data.reports import style
 
 BEFORE, RETUNED, PLAIN, AFTER, PLACEBO = "before", "retuned", "plain fit", "after", "placebo"
 LOOKS = {
-    BEFORE: Stroke(BLUE, "-", 1.6, 4),
-    RETUNED: Stroke(PURPLE, "-.", 1.6, 5),
-    PLAIN: Stroke(OTHERS[-1], ":", 1.8, 5),
-    AFTER: Stroke(ORANGE, "-", 1.4, 7),
-    PLACEBO: Stroke(GREEN, "--", 1.6, 6),
+    BEFORE: style.Stroke(style.BLUE, "-", 1.6, 4),
+    RETUNED: style.Stroke(style.PURPLE, "-.", 1.6, 5),
+    PLAIN: style.Stroke(style.OTHERS[-1], ":", 1.8, 5),
+    AFTER: style.Stroke(style.ORANGE, "-", 1.4, 7),
+    PLACEBO: style.Stroke(style.GREEN, "--", 1.6, 6),
 }
 MARKERS = {BEFORE: "o", RETUNED: "s", PLAIN: "v", AFTER: "D", PLACEBO: "^"}
 FLOOR = "noise floor"
@@ -81,13 +68,13 @@ def draw_joint(report: GapReport, series: Series, joint: int) -> Figure:
 
 def draw_error_per_joint(series: Series, models: Models) -> Figure:
     """Draw the held-out RMSE of each joint and model, and the floor; hinges and slides have separate axes."""
-    with house_style():
-        figure = Figure(figsize=(WIDTH, 3.6))
+    with style.house_style():
+        figure = Figure(figsize=(style.WIDTH, 3.6))
         widths = [len(chosen) + 1 for _, chosen in series.kinds]
         parts = figure.subplots(1, len(widths), squeeze=False, width_ratios=widths)[0]
         for axes, (unit, chosen) in zip(parts, series.kinds, strict=True):
             draw_joints(axes, series, models, unit, chosen)
-        place_legend_above(figure, parts[0])
+        style.place_legend_above(figure, parts[0])
     return figure
 
 
@@ -97,10 +84,10 @@ def draw_joints(axes: Axes, series: Series, models: Models, unit: JointUnit, cho
     floor = unit.factor * series.floor[chosen]
     rows = {name: unit.factor * series.drawn_by_joint(made)[chosen] for name, made in models.items()}
     stacked = np.stack([*rows.values()])
-    axes.vlines(places, stacked.min(0), stacked.max(0), color=LIGHT, linewidth=1.0, zorder=2)
+    axes.vlines(places, stacked.min(0), stacked.max(0), color=style.LIGHT, linewidth=1.0, zorder=2)
     for name, values in rows.items():
         draw_dots(axes, name, places, values)
-    axes.hlines(floor, places - 0.35, places + 0.35, color=BLACK, linewidth=1.4, label=FLOOR, zorder=3)
+    axes.hlines(floor, places - 0.35, places + 0.35, color=style.BLACK, linewidth=1.4, label=FLOOR, zorder=3)
     angle = choose_label_angle(series.joints)
     axes.set_xticks(places, names, rotation=angle, ha="right" if angle else "center")
     axes.set_xlim(-0.6, len(places) - 0.4)
@@ -156,8 +143,8 @@ def draw_joint_motion(series: Series, models: Models, joint: int, torques: bool)
     rows = series.counts[episode]
     unit = find_joint_unit(series.joints[joint], series.slides)
     time, measured = series.time[rows], unit.factor * series.measured[episode, rows, joint]
-    with house_style():
-        figure = Figure(figsize=(WIDTH, 5.0))
+    with style.house_style():
+        figure = Figure(figsize=(style.WIDTH, 5.0))
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1.0))
         if not torques:
             command = unit.factor * series.command[episode, rows, joint]
@@ -168,21 +155,21 @@ def draw_joint_motion(series: Series, models: Models, joint: int, torques: bool)
             draw_curve(above, time, values, name)
             draw_curve(below, time, values - measured, name)
         floor = unit.factor * float(series.floor[joint])
-        below.axhspan(-floor, floor, color=LIGHT, alpha=0.45, linewidth=0, zorder=0)
-        below.axhline(0.0, color=BLACK, linewidth=0.8, zorder=1)
+        below.axhspan(-floor, floor, color=style.LIGHT, alpha=0.45, linewidth=0, zorder=0)
+        below.axhline(0.0, color=style.BLACK, linewidth=0.8, zorder=1)
         above.set_ylabel(f"position of {series.joints[joint]} [{unit.mark.strip()}]")
         below.set_ylabel(f"error [{unit.mark.strip()}]")
         below.set_xlabel("time since the start of the episode [s]")
         below.set_xlim(0.0, time[-1])
         # an empty band adds the floor to the legend, which lists the upper axes
-        above.fill_between([], [], color=LIGHT, alpha=0.45, linewidth=0, label=FLOOR)
-        place_legend_above(figure, above)
+        above.fill_between([], [], color=style.LIGHT, alpha=0.45, linewidth=0, label=FLOOR)
+        style.place_legend_above(figure, above)
     return figure
 
 
 def draw_curve(axes: Axes, time: np.ndarray, values: np.ndarray, name: str, steps: bool = False) -> None:
     """Draw one curve in its style."""
-    look = LOOKS.get(name) or STROKES[name]
+    look = LOOKS.get(name) or style.STROKES[name]
     axes.plot(
         time,
         values,

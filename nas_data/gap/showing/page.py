@@ -1,42 +1,26 @@
-"""HTML page of a gap report."""
+"""HTML page of a gap report, and the files of page and figures."""
 
+import re
 from pathlib import Path
 
+from nas_data.atomic_file import write_atomic
 from nas_data.count_of import join_items
 from nas_data.gap.report import REPORT, GapReport
 from nas_data.gap.report_parts import NamedEffect
-from nas_data.gap.showing.figures import select_models
+from nas_data.gap.showing import page_charts as charts
+from nas_data.gap.showing import page_tables as tables
+from nas_data.gap.showing.figures import draw_all_joints, draw_joint, find_joints_above, select_models
 from nas_data.gap.showing.film import make_film_blocks
-from nas_data.gap.showing.page_charts import (
-    draw_errors_over_time,
-    draw_joint_charts,
-    draw_joint_errors,
-    draw_model_errors,
-    draw_placebo_errors,
-    draw_regimes_chart,
-)
-from nas_data.gap.showing.page_tables import (
-    describe_origin,
-    make_audit_facts,
-    make_effects_table,
-    make_experiments_table,
-    make_gap_table,
-    make_joints_table,
-    make_regimes_table,
-    make_retuned_table,
-)
-from nas_data.gap.showing.page_verdict import (
+from nas_data.gap.showing.page_words import (
+    as_words,
+    capitalise,
     describe_model,
     describe_rest,
     describe_score_basis,
     describe_slides,
     describe_verdict,
-    format_error,
-)
-from nas_data.gap.showing.page_words import (
-    as_words,
-    capitalise,
     format_effect_title,
+    format_error,
     format_value,
     format_with_si,
     list_remarks,
@@ -44,6 +28,7 @@ from nas_data.gap.showing.page_words import (
 from nas_data.gap.showing.series import Series
 from nas_data.gap.write_model import DIFFERENCE
 from nas_data.reports.page import Block, HtmlPage, ModelDifference, PageSection, Text
+from nas_data.reports.style import to_png
 
 READING = (
     "Gap: every held-out episode is simulated from its first pose with the recorded commands alone (open loop). The "
@@ -76,29 +61,27 @@ def read_page(folder: Path) -> HtmlPage:
 
 def build_page(report: GapReport, series: Series, folder: Path) -> HtmlPage:
     """Return the page; model difference and film are included if their files exist."""
+    slides = describe_slides(report)
     sections = [
-        PageSection("", make_verdict_blocks(report)),
+        PageSection("", [Text(describe_verdict(report), lead=True), *([Text(slides)] if slides else [])]),
         PageSection("What to change", make_change_blocks(report, folder)),
         PageSection("How the gap shrinks", make_error_blocks(report, series)),
-        PageSection(
-            "Where the gap is", [*draw_regimes_chart(report), *make_joints_table(report), *make_regimes_table(report)]
-        ),
+        PageSection("Where the gap is", make_place_blocks(report)),
         PageSection("The names", make_effects_blocks(report)),
         PageSection("Measured, before and after", make_motion_blocks(report, series, folder)),
         PageSection("A wrong name in its place", make_placebo_blocks(report, series)),
         PageSection("What stays unexplained", make_unexplained_blocks(report)),
         PageSection("What to record next", make_next_experiment_blocks(report)),
-        PageSection("The recording", make_audit_facts(report)),
-        PageSection("Commands, hashes and versions", [describe_origin(report)]),
+        PageSection("The recording", tables.make_audit_facts(report)),
+        PageSection("Commands, hashes and versions", [tables.describe_origin(report)]),
         PageSection("How to read this page", [Text(line) for line in (*READING, describe_score_basis(report))]),
     ]
     return HtmlPage(f"Gap report of {describe_model(report)}", [section for section in sections if section.blocks])
 
 
-def make_verdict_blocks(report: GapReport) -> list[Block]:
-    """Return the verdict."""
-    slides = describe_slides(report)
-    return [Text(describe_verdict(report), lead=True), *([Text(slides)] if slides else [])]
+def make_place_blocks(report: GapReport) -> list[Block]:
+    """Return the errors by joint and condition."""
+    return [*charts.draw_regimes_chart(report), *tables.make_joints_table(report), *tables.make_regimes_table(report)]
 
 
 def make_change_blocks(report: GapReport, folder: Path) -> list[Block]:
@@ -111,7 +94,7 @@ def make_change_blocks(report: GapReport, folder: Path) -> list[Block]:
         blocks.append(Text(f"Added: {join_items([describe_values(effect) for effect in report.effects])}."))
     blocks += [Text(NOT_WRITTEN.format(join_items(missing)))] if missing else []
     if report.retuned:
-        blocks.append(make_retuned_table(report))
+        blocks.append(tables.make_retuned_table(report))
     return blocks or [Text("Nothing: the model is kept as it was handed over.")]
 
 
@@ -123,8 +106,8 @@ def describe_values(effect: NamedEffect) -> str:
 
 def make_error_blocks(report: GapReport, series: Series) -> list[Block]:
     """Return the errors of all models, overall and per joint."""
-    charts = [draw_model_errors(report, series), *draw_joint_errors(report, series)]
-    return [*charts, *describe_shares(report), make_gap_table(series, select_models(report, series))]
+    drawn = [charts.draw_model_errors(report, series), *charts.draw_joint_errors(report, series)]
+    return [*drawn, *describe_shares(report), tables.make_gap_table(series, select_models(report, series))]
 
 
 def describe_shares(report: GapReport) -> list[Text]:
@@ -143,13 +126,16 @@ def make_effects_blocks(report: GapReport) -> list[Block]:
     if not report.effects:
         return [Text("No effect was named.")]
     more = [(format_effect_title(effect), list_remarks(effect)) for effect in report.effects]
-    return [make_effects_table(report), *[Text(f"{capitalise(name)}. {' '.join(told)}") for name, told in more if told]]
+    return [
+        tables.make_effects_table(report),
+        *[Text(f"{capitalise(name)}. {' '.join(told)}") for name, told in more if told],
+    ]
 
 
 def make_motion_blocks(report: GapReport, series: Series, folder: Path) -> list[Block]:
     """Return measured and predicted motion of every joint, as film and charts."""
     film = make_film_blocks(folder, report, series)
-    return [*film, draw_errors_over_time(report, series), *draw_joint_charts(report, series)]
+    return [*film, charts.draw_errors_over_time(report, series), *charts.draw_joint_charts(report, series)]
 
 
 def make_unexplained_blocks(report: GapReport) -> list[Block]:
@@ -176,7 +162,7 @@ def make_placebo_blocks(report: GapReport, series: Series) -> list[Block]:
             f"{format_value(placebo.after, gap.unit)} of the {format_error(gap, 'before')} before. "
             f"What is named leaves {format_error(gap, 'after')}. If the placebo does as well, do not believe the name."
         ),
-        *draw_placebo_errors(series),
+        *charts.draw_placebo_errors(series),
     ]
 
 
@@ -185,4 +171,31 @@ def make_next_experiment_blocks(report: GapReport) -> list[Block]:
     text = report.next_experiment
     if not text:
         return [Text("Nothing in particular: no rival explanation is close enough to be worth an experiment.")]
-    return [Text(f"{capitalise(text.rstrip('.'))}."), *make_experiments_table(report)]
+    return [Text(f"{capitalise(text.rstrip('.'))}."), *tables.make_experiments_table(report)]
+
+
+PAGE, FIGURES = "report.html", "figures"
+
+
+def show(folder: Path) -> Path:
+    """Write figures and page of a folder with `report.json`, `series.npz`, and usually `model.xml` and `model.diff`.
+
+    Returns:
+        Path of the page.
+
+    Raises:
+        OptionError: one of the first two files is missing or incomplete.
+    """
+    report, series = GapReport.read(folder / REPORT), Series.read(folder)
+    figures = {"gap_per_joint.png": draw_all_joints(report, series)}
+    for joint in find_joints_above(series):
+        name = re.sub(r"[^\w.-]", "_", series.joints[joint])
+        figures[f"joint_{name}.png"] = draw_joint(report, series, joint)
+    for stale in (folder / FIGURES).glob("*.png"):
+        if stale.name not in figures:
+            stale.unlink()
+    for name, figure in figures.items():
+        write_atomic(folder / FIGURES / name, to_png(figure))
+    path = folder / PAGE
+    write_atomic(path, build_page(report, series, folder).to_html().encode())
+    return path

@@ -6,7 +6,6 @@ from nas_data.count_of import count_of, join_items
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_parts import Bin, EffectName, JointGap
 from nas_data.gap.showing.figures import Models
-from nas_data.gap.showing.page_verdict import get_sort_key, make_retuned_row
 from nas_data.gap.showing.page_words import (
     ANGLE,
     ENDS,
@@ -17,6 +16,8 @@ from nas_data.gap.showing.page_words import (
     format_interval,
     format_value,
     format_with_si,
+    get_sort_key,
+    make_retuned_row,
 )
 from nas_data.gap.showing.series import Series
 from nas_data.joint_units import find_joint_unit

@@ -20,36 +20,21 @@ class Series:
 
     Errors over joints are those of the first kind, hinges if there are any, because radians and metres have no common
     mean.
-
-    Attributes:
-        time: Time since the start of an episode [s], shape (T,).
-        joints: Names.
-        episodes: Numbers in the dataset, shape (E,).
-        measured: Measured positions, shape (E, T, n).
-        command: Positions [rad; m] or torques [N·m; N], shape (E, T, n).
-        before: Given model.
-        retuned: Model's own parameters fitted, no effects.
-        after: Written model.
-        plain: Plain fit; None in older reports.
-        placebo: Runner-up in place of the name; None without one.
-        counts: Whether a row was recorded, shape (E, T).
-        floor: Noise floor, shape (n,).
-        slides: Names of the slides.
     """
 
-    time: np.ndarray
-    joints: tuple[str, ...]
-    episodes: np.ndarray
-    measured: np.ndarray
-    command: np.ndarray
-    before: np.ndarray
-    retuned: np.ndarray
-    after: np.ndarray
-    counts: np.ndarray
-    floor: np.ndarray
-    placebo: np.ndarray | None = None
-    plain: np.ndarray | None = None
-    slides: tuple[str, ...] = ()
+    time: np.ndarray  # time since the start of an episode [s], shape (T,)
+    joints: tuple[str, ...]  # names
+    episodes: np.ndarray  # numbers in the dataset, shape (E,)
+    measured: np.ndarray  # measured positions, shape (E, T, n)
+    command: np.ndarray  # positions [rad; m] or torques [N·m; N], shape (E, T, n)
+    before: np.ndarray  # given model
+    retuned: np.ndarray  # Model's own parameters fitted, no effects
+    after: np.ndarray  # written model
+    counts: np.ndarray  # whether a row was recorded, shape (E, T)
+    floor: np.ndarray  # noise floor, shape (n,)
+    placebo: np.ndarray | None = None  # Runner-up in place of the name; None without one
+    plain: np.ndarray | None = None  # plain fit; None in older reports
+    slides: tuple[str, ...] = ()  # names of the slides
 
     @property
     def period(self) -> float:
@@ -117,12 +102,7 @@ class Series:
         return int(self.squares(self.before)[:, joint].argmax())
 
     def in_time(self, predicted: np.ndarray, window: float) -> np.ndarray:
-        """Return the RMS error over joints of the first kind and a sliding window, shape (E, T); NaN after the end.
-
-        Args:
-            predicted: Positions [rad; m], shape (E, T, n).
-            window: Length of the window [s], which averages rounding errors.
-        """
+        """Return the RMS error over joints of the first kind and a window [s], shape (E, T); NaN after the end."""
         errors = np.where(self.counts[..., None], predicted - self.measured, 0.0)
         width = max(1, min(len(self.time), round(window / self.period)))
         box = np.ones(width)

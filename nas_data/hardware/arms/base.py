@@ -1,63 +1,105 @@
-"""Interface between recorders and arms of servos, whichever protocol they use."""
+"""Interface between recorders and arms of servos, whichever protocol they use, and the safe stop of an arm."""
 
+import contextlib
+import importlib
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, cast
 
 import numpy as np
 
-from nas_data.hardware.arms.safety import Stoppable
+from nas_data.errors import ArmError
+
+SLOW = 0.15  # [rad/s] below which switching the torque off causes no jerk
+PATIENCE = 1.0  # [s] to wait for that speed
+OPENER = "opener"  # key of the function that opens the arm, as `module:function`
+
+
+class Stoppable(Protocol):
+    """Interface for a safe stop; its methods raise ArmError if the bus fails."""
+
+    def read_position(self) -> np.ndarray:
+        """Return the present position in the units of `hold`, shape (n,)."""
+
+    def hold(self, position: np.ndarray) -> None:
+        """Command a position, shape (n,)."""
+
+    def speed(self) -> float:
+        """Return the speed of the fastest joint [rad/s]."""
+
+    def torque_off(self) -> None:
+        """Switch the torque off at once, even in motion."""
+
+    def find_unconfirmed(self) -> list[int]:
+        """Return the IDs of servos that do not confirm that their torque is off."""
+
+    def close(self) -> None:
+        """Close the port."""
+
+
+def make_safe(arm: Stoppable) -> str:
+    """Hold the arm, wait until it is slow, and switch its torque off.
+
+    Returns:
+        A sentence on what failed; empty if nothing did.
+    """
+    with contextlib.suppress(ArmError):  # a failure here is reported elsewhere or below
+        until, here = time.monotonic() + PATIENCE, arm.read_position()
+        arm.hold(here)
+        while time.monotonic() < until and arm.speed() > SLOW:
+            arm.hold(here)
+            time.sleep(0.01)
+    try:
+        arm.torque_off()
+    except ArmError as error:
+        return f"The torque could not be switched off; switch the supply off. {error}"
+    unconfirmed = [str(identity) for identity in arm.find_unconfirmed()]
+    if unconfirmed:
+        return f"Servo {', '.join(unconfirmed)} did not confirm that its torque is off; switch the supply off."
+    return ""
+
+
+def open_for_guard(options: Mapping[str, object]) -> Stoppable:
+    """Open an arm to stop it: `opener` names a function `module:function`, the other options are its arguments.
+
+    Raises:
+        ArmError: the port cannot be opened.
+    """
+    module, _, name = str(options[OPENER]).partition(":")
+    opener = getattr(importlib.import_module(module), name)
+    return cast(Stoppable, opener(**{key: value for key, value in options.items() if key != OPENER}))
+
 
 Registers = Mapping[str, Mapping[str, int]]  # by joint, then by the register's name
 
 
 @dataclass(frozen=True)
 class Reading:
-    """The state of the arm at one moment.
+    """The state of the arm at one moment."""
 
-    Attributes:
-        time: Monotonic time, midway between request and last reply [s].
-        positions: [rad], shape (n,).
-        velocities: [rad/s], shape (n,).
-        loads: Shares of the largest torque, shape (n,).
-        raw: Replies of the servos, as bytes.
-        alerts: IDs of servos with a hardware error.
-        goals: Active commands [rad], shape (n,); None if the servos do not report them.
-    """
-
-    time: float
-    positions: np.ndarray
-    velocities: np.ndarray
-    loads: np.ndarray
-    raw: bytes
-    alerts: tuple[int, ...]
-    goals: np.ndarray | None = None
+    time: float  # monotonic time, midway between request and last reply [s]
+    positions: np.ndarray  # [rad], shape (n,)
+    velocities: np.ndarray  # [rad/s], shape (n,)
+    loads: np.ndarray  # shares of the largest torque, shape (n,)
+    raw: bytes  # replies of the servos, as bytes
+    alerts: tuple[int, ...]  # IDs of servos with a hardware error
+    goals: np.ndarray | None = None  # active commands [rad], shape (n,); None if the servos do not report them
 
 
 @dataclass(frozen=True)
 class Health:
-    """Health of one servo.
+    """Health of one servo."""
 
-    Attributes:
-        voltage: Supply voltage [V].
-        temperature: Internal temperature [°C].
-        errors: Bits of the hardware error register.
-    """
-
-    voltage: float
-    temperature: int
-    errors: int
+    voltage: float  # supply voltage [V]
+    temperature: int  # internal temperature [°C]
+    errors: int  # bits of the hardware error register
 
 
 class Arm(Stoppable, Protocol):
-    """An open arm; its methods raise `ArmError`.
+    """An open arm; its methods raise `ArmError`."""
 
-    Attributes:
-        names: Names of the joints.
-        retries: Readings that needed more than one attempt.
-    """
-
-    retries: int
+    retries: int  # readings that needed more than one attempt
 
     @property
     def names(self) -> tuple[str, ...]:

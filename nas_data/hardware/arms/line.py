@@ -16,8 +16,8 @@ from typing import Any, Self
 import numpy as np
 
 from nas_data.errors import ArmError, BadReply, ServoRefused, ServoSilent
+from nas_data.hardware.arms.base import OPENER
 from nas_data.hardware.arms.port_errors import make_busy_error, make_lost_port_error, make_port_error
-from nas_data.hardware.arms.safety import OPENER
 
 ATTEMPTS = 3
 QUIET = 0.04  # [s] of silence after which no late reply is expected
@@ -31,17 +31,11 @@ SUCCESS = 0  # COMM_SUCCESS of both SDKs
 
 @dataclass(frozen=True)
 class Register:
-    """A register in the control table.
+    """A register in the control table."""
 
-    Attributes:
-        address: First byte.
-        size: Bytes, little endian.
-        sign: Sign bit of a sign-magnitude number; −1 for two's complement, None if unsigned.
-    """
-
-    address: int
-    size: int
-    sign: int | None = None
+    address: int  # first byte
+    size: int  # bytes, little endian
+    sign: int | None = None  # sign bit of a sign-magnitude number; −1 for two's complement, None if unsigned
 
     def decode(self, data: Sequence[int], start: int = 0) -> int:
         """Return the value from bytes that begin at address `start`."""
@@ -70,27 +64,16 @@ class Register:
 
 @dataclass(frozen=True)
 class StopRegisters:
-    """The registers that are needed to stop an arm.
+    """The registers that are needed to stop an arm."""
 
-    Attributes:
-        sdk: Name of the SDK's package.
-        protocol: Protocol version, as the SDK counts.
-        baud: Baud rate [bit/s].
-        speed_unit: Unit of the speed register [rad/s].
-        torque: Torque enable register.
-        goal: Goal position register.
-        position: Present position register.
-        speed: Present speed register.
-    """
-
-    sdk: str
-    protocol: float
-    baud: int
-    speed_unit: float
-    torque: Register
-    goal: Register
-    position: Register
-    speed: Register
+    sdk: str  # name of the SDK's package
+    protocol: float  # protocol version, as the SDK counts
+    baud: int  # baud rate [bit/s]
+    speed_unit: float  # unit of the speed register [rad/s]
+    torque: Register  # torque enable register
+    goal: Register  # goal position register
+    position: Register  # present position register
+    speed: Register  # present speed register
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Self:
@@ -102,22 +85,10 @@ class StopRegisters:
 
 
 class Line:
-    """Servos on an open port; implements `Stoppable`.
-
-    Attributes:
-        port: The SDK's port handler.
-        ids: IDs of the servos.
-        failures: Number of failed transactions.
-    """
+    """Servos on an open port; implements `Stoppable`."""
 
     def __init__(self, table: StopRegisters, ids: Sequence[int], port: Any, packets: Any) -> None:
         """Take over an open port.
-
-        Args:
-            table: Registers.
-            ids: IDs of the servos.
-            port: The SDK's port handler.
-            packets: The SDK's packet handler.
 
         Raises:
             PortBusy: another program uses the port.

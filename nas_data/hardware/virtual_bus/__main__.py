@@ -2,7 +2,7 @@
 
 import os
 
-from nas_data.hardware.virtual_bus.options import Options
+from nas_data.hardware.virtual_bus.terminal import Options
 
 
 def main() -> None:

@@ -1,6 +1,6 @@
 """A simulated arm: servos on one bus, in one simulated body."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -8,11 +8,12 @@ import mujoco
 import numpy as np
 
 from nas_data.effects.base import Effect
-from nas_data.hardware.virtual_bus.body import Mounting, SimulatedBody
+from nas_data.hardware.virtual_bus.body import Encoders, SimulatedBody
 from nas_data.hardware.virtual_bus.chain import ServoChain
 from nas_data.hardware.virtual_bus.kinds.base import find_kind
 from nas_data.hardware.virtual_bus.servo import VirtualServo
-from nas_data.hardware.xl320.ergojr import make_ergojr_joints
+from nas_data.hardware.xl320.control_table import TICK
+from nas_data.hardware.xl320.joints import make_ergojr_joints
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.engines import load_simulator
 
@@ -23,23 +24,14 @@ STEP = 0.002  # [s] least simulation step of an arm
 
 @dataclass(frozen=True, kw_only=True)
 class MountedServo:
-    """A mounted and calibrated servo.
+    """A mounted and calibrated servo."""
 
-    Attributes:
-        joint: Name of its joint.
-        kind: Its series, a file of `kinds/`.
-        id: Its ID.
-        zero: Encoder count at the joint's zero.
-        sign: 1 if the joint turns with the servo, −1 otherwise.
-        registers: Register values that differ from the factory settings, by name.
-    """
-
-    joint: str
-    kind: str
+    joint: str  # name of its joint
+    kind: str  # its series, a file of `kinds/`
     id: int
-    zero: float
-    sign: int
-    registers: dict[str, int]
+    zero: float  # encoder count at the joint's zero
+    sign: int  # 1 if the joint turns with the servo, −1 otherwise
+    registers: dict[str, int]  # register values that differ from the factory settings, by name
 
     def servo(self) -> VirtualServo:
         """Create the servo with these registers."""
@@ -50,51 +42,15 @@ class MountedServo:
         return servo
 
 
-@dataclass(frozen=True)
-class Encoders:
-    """Conversion between joint positions and encoder counts; see `Mounting`.
-
-    Attributes:
-        signs: 1 if a joint turns with its servo, −1 otherwise, shape (n,).
-        zeros: Counts where the joints are at zero, shape (n,).
-        ticks: Angle of a count [rad], shape (n,).
-    """
-
-    signs: np.ndarray
-    zeros: np.ndarray
-    ticks: np.ndarray
-
-    @classmethod
-    def of(cls, mounted: Sequence[MountedServo]) -> Self:
-        """Make the conversion of mounted servos."""
-        ticks = np.array([find_kind(one.kind).tick for one in mounted])
-        return cls(np.array([one.sign for one in mounted]), np.array([one.zero for one in mounted]), ticks)
-
-    def raw(self, positions: np.ndarray) -> np.ndarray:
-        """Return encoder counts for positions [rad], shape (n,)."""
-        return np.rint(self.signs * positions / self.ticks + self.zeros).astype(int)
-
-    def positions(self, raw: np.ndarray) -> np.ndarray:
-        """Return positions [rad] for encoder counts, shape (n,)."""
-        return np.asarray(self.signs * (raw - self.zeros) * self.ticks)
-
-
 class VirtualArm:
-    """An arm of servos whose torque is off.
-
-    Attributes:
-        servos: Servos in joint order.
-        kind: Series of the first servo; it defines the bus protocol.
-        chain: The servos on the bus.
-        body: The simulated body.
-    """
+    """An arm of servos whose torque is off."""
 
     def __init__(
         self,
         effects: Sequence[Effect],
         servos: Sequence[VirtualServo],
         robot: Robot,
-        joints: Mounting,
+        encoders: Encoders,
         lying: np.ndarray,
     ) -> None:
         """Assemble an arm.
@@ -103,25 +59,23 @@ class VirtualArm:
             effects: Effects of the simulated arm that its model lacks.
             servos: One servo per joint.
             robot: Model of the arm.
-            joints: Conversion between positions and counts.
+            encoders: Conversion between positions and counts.
             lying: Initial pose [rad], shape (n,).
         """
         self.servos, self.kind, self.chain = list(servos), servos[0].kind, ServoChain(servos)
         period = max(STEP, float(robot.spec().option.timestep))
-        self.body = SimulatedBody(load_simulator(robot, period, effects=effects, threads=1), robot, self.servos, joints)
+        self.body = SimulatedBody(
+            load_simulator(robot, period, effects=effects, threads=1), robot, self.servos, encoders
+        )
         self.body.set_state(np.concatenate([lying, np.zeros(len(lying))]))
 
     @classmethod
     def ergojr(cls, effects: Sequence[Effect] = (), offsets: Sequence[int] = ()) -> Self:
-        """Create an ErgoJr with factory settings and IDs 1 to 6.
-
-        Args:
-            effects: Effects of the simulated arm that its model lacks.
-            offsets: Mounting offset of each servo's horn [ticks]; zero if empty.
-        """
+        """Create an ErgoJr with factory settings, effects, and offsets of its horns [ticks], zero if empty."""
         joints = make_ergojr_joints(tuple(-offset for offset in offsets))
         robot = replace(find_robot("ergojr"), edit=_extend_limits)
-        return cls(effects, [VirtualServo(identity) for identity in joints.ids], robot, joints, LYING)
+        encoders = Encoders(joints.signs, joints.zeros, np.full(len(joints.ids), TICK))
+        return cls(effects, [VirtualServo(identity) for identity in joints.ids], robot, encoders, LYING)
 
     @classmethod
     def of(cls, effects: Sequence[Effect], model: str, mounted: Sequence[MountedServo], lying: Sequence[float]) -> Self:
@@ -134,9 +88,20 @@ class VirtualArm:
             lying: Initial pose [rad], shape (n,).
         """
         known = find_robot(model)
+
+        def extend(spec: mujoco.MjSpec) -> None:
+            if known.edit:
+                known.edit(spec)
+            _extend_hinge_limits(spec)
+
         joints = tuple(one.joint for one in mounted)
-        robot = replace(known, joints=joints, edit=_chain_edits(known.edit, _extend_hinge_limits))
-        return cls(effects, [one.servo() for one in mounted], robot, Encoders.of(mounted), np.array(lying))
+        robot = replace(known, joints=joints, edit=extend)
+        encoders = Encoders(
+            np.array([one.sign for one in mounted]),
+            np.array([one.zero for one in mounted]),
+            np.array([find_kind(one.kind).tick for one in mounted]),
+        )
+        return cls(effects, [one.servo() for one in mounted], robot, encoders, np.array(lying))
 
 
 def _extend_limits(spec: mujoco.MjSpec) -> None:
@@ -150,14 +115,3 @@ def _extend_hinge_limits(spec: mujoco.MjSpec) -> None:
     for joint in spec.joints:
         if joint.type == mujoco.mjtJoint.mjJNT_HINGE:
             joint.range = np.array([-np.pi, np.pi])
-
-
-def _chain_edits(
-    first: Callable[[mujoco.MjSpec], None] | None, then: Callable[[mujoco.MjSpec], None]
-) -> Callable[[mujoco.MjSpec], None]:
-    def edit(spec: mujoco.MjSpec) -> None:
-        if first:
-            first(spec)
-        then(spec)
-
-    return edit

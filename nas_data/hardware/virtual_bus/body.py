@@ -1,32 +1,87 @@
-"""Simulated body of an arm: a simulator driven by the servos' registers; measurements are written back to them."""
+"""Simulated body of an arm, driven by the servos' registers, with supply voltage, temperature and overload.
+
+Stall currents are from the manuals; thermal resistance and supply resistance are plausible values, not measured.
+"""
 
 from collections.abc import Sequence
-from typing import Protocol
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from nas_data.hardware.virtual_bus.electrics import Electrics
-from nas_data.hardware.virtual_bus.kinds.base import ServoDrive, ServoMeasurements
+from nas_data.hardware.virtual_bus.kinds.base import Bounds, Reason, ServoDrive, ServoMeasurements, ServoSeries
 from nas_data.hardware.virtual_bus.servo import VirtualServo
 from nas_data.robots.base import Robot
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.layout import find_actuator_index, find_joint_index
 
+IDLE_CURRENT = 0.03  # [A] of a servo without load
+SUPPLY_RESISTANCE = 0.15  # [Ω] of supply and wires
+HEATING = 12.0  # [K/W] thermal resistance to the air
+WARMING = 240.0  # [s] thermal time constant
+
+
+@dataclass
+class Electrics:
+    """Voltages and temperatures of n servos."""
+
+    kinds: Sequence[ServoSeries]  # series of each servo
+    air: float = 25.0  # ambient temperature [°C]
+    supply: np.ndarray | float = field(init=False)  # voltage of each servo without load [V], shape (n,), or one for all
+    voltage: np.ndarray | float = field(init=False)  # voltage of each servo [V], shape (n,), or one for all
+    temperature: np.ndarray = field(init=False)  # temperature of each servo [°C], shape (n,)
+
+    def __post_init__(self) -> None:
+        self.supply = self.voltage = np.array([kind.supply for kind in self.kinds])
+        self.temperature = np.full(len(self.kinds), self.air)
+        self._stall = np.array([kind.stall_current for kind in self.kinds])
+        self._strained: np.ndarray = np.zeros(len(self.kinds))
+
+    def advance(self, duty: np.ndarray, strain: np.ndarray, seconds: float) -> None:
+        """Advance voltages, temperatures and stall times by some seconds.
+
+        The duty is the signed share of the largest torque of each servo, the strain that above which it counts as
+        stalled, shape (n,) each.
+        """
+        current = IDLE_CURRENT + self._stall * np.abs(duty)
+        self.voltage = np.maximum(0.0, self.supply - SUPPLY_RESISTANCE * float(current.sum()))
+        warm = self.air + HEATING * self.voltage * self._stall * np.square(duty)
+        self.temperature += (warm - self.temperature) * min(1.0, seconds / WARMING)
+        self._strained = np.where(np.abs(duty) >= strain, self._strained + seconds, 0.0)
+
+    def volts(self, index: int) -> float:
+        """Return the voltage at one servo [V]."""
+        return float(np.broadcast_to(self.voltage, len(self.kinds))[index])
+
+    def reasons(self, index: int, bounds: Bounds) -> Reason:
+        """Return the reasons for which a servo must shut down."""
+        found = Reason(0)
+        if self._strained[index] > bounds.seconds:
+            found |= Reason.OVERLOAD
+        if self.temperature[index] > bounds.hottest:
+            found |= Reason.OVERHEAT
+        if not bounds.lowest <= self.volts(index) <= bounds.highest:
+            found |= Reason.VOLTAGE
+        return found
+
+
 LONGEST = 2.0  # [s] most simulated time to catch up after the process was suspended
 
 
-class Mounting(Protocol):
+@dataclass(frozen=True)
+class Encoders:
     """Conversion between joint positions and encoder counts."""
 
-    @property
-    def signs(self) -> np.ndarray:
-        """1 if a joint turns with its servo, −1 otherwise, shape (n,)."""
+    signs: np.ndarray  # 1 if a joint turns with its servo, −1 otherwise, shape (n,)
+    zeros: np.ndarray  # counts where the joints are at zero, shape (n,)
+    ticks: np.ndarray  # angle of a count [rad], shape (n,)
 
     def raw(self, positions: np.ndarray) -> np.ndarray:
         """Return encoder counts for positions [rad], shape (n,)."""
+        return np.rint(self.signs * positions / self.ticks + self.zeros).astype(int)
 
     def positions(self, raw: np.ndarray) -> np.ndarray:
         """Return positions [rad] for encoder counts, shape (n,)."""
+        return np.asarray(self.signs * (raw - self.zeros) * self.ticks)
 
 
 class SimulatedBody:
@@ -34,29 +89,22 @@ class SimulatedBody:
 
     Gains and torque limits of servos change the command to the simulator. Without torque the command follows the joint,
     so that only friction acts on it.
-
-    Attributes:
-        servos: One servo per joint.
-        joints: Conversion between positions and counts.
-        electrics: Supply voltages and temperatures.
-        time: Simulated time [s].
-        renewal: Update period of the servos' readings [s]; 0 for every step.
     """
 
-    def __init__(self, simulator: Simulator, robot: Robot, servos: Sequence[VirtualServo], joints: Mounting) -> None:
+    def __init__(self, simulator: Simulator, robot: Robot, servos: Sequence[VirtualServo], encoders: Encoders) -> None:
         """Mount servos in an arm.
 
         Args:
             simulator: Simulator of the arm; its period is the simulation step.
             robot: Model of the arm, for torque limits and gains of the servos.
             servos: One servo per joint, in joint order.
-            joints: Conversion between positions and counts.
+            encoders: Conversion between positions and counts.
         """
         self._stepper = simulator.stepper(1)
-        self.servos, self.joints = list(servos), joints
+        self.servos, self.encoders = list(servos), encoders
         self.electrics = Electrics([servo.kind for servo in self.servos])
-        self.time = self._renewed = 0.0
-        self.renewal = 0.0
+        self.time = self._renewed = 0.0  # [s] simulated
+        self.renewal = 0.0  # [s] update period of the servos' readings; 0 for every step
         self._step_time = simulator.period
         self._gain, self._strength = read_gains_and_limits(robot, self.servos)
         self._duty = np.zeros(len(self.servos))
@@ -92,9 +140,9 @@ class SimulatedBody:
         """Write measurements into the registers, and shut down servos outside their operating limits."""
         n = len(self.servos)
         states = self._stepper.states[0]
-        raw = self.joints.raw(states[:n])
-        speeds = self.joints.signs * states[n:]
-        efforts = self.joints.signs * self._duty
+        raw = self.encoders.raw(states[:n])
+        speeds = self.encoders.signs * states[n:]
+        efforts = self.encoders.signs * self._duty
         for index, servo in enumerate(self.servos):
             measured = ServoMeasurements(
                 position=int(raw[index]),
@@ -129,7 +177,7 @@ class SimulatedBody:
             return
         self._drives = drives
         self._powered = np.array([drive.powered for drive in drives])
-        self._wanted = self.joints.positions(np.array([drive.goal for drive in drives]))
+        self._wanted = self.encoders.positions(np.array([drive.goal for drive in drives]))
         self._speed = np.array([drive.speed for drive in drives])
         self._acceleration = np.array([drive.acceleration for drive in drives])
         self._stiffness = np.array([drive.stiffness for drive in drives])

@@ -5,22 +5,16 @@ from dataclasses import dataclass
 
 from nas_data.hardware.virtual_bus.packet import BROADCAST, Error, Instruction, Packet
 from nas_data.hardware.virtual_bus.servo import VirtualServo
-from nas_data.hardware.xl320.units import DELAY_UNIT
+from nas_data.hardware.xl320.control_table import DELAY_UNIT
 
 
 @dataclass(frozen=True)
 class Reply:
-    """An answer on the wire.
+    """An answer on the wire."""
 
-    Attributes:
-        content: Its bytes.
-        pause: Delay after the previous packet [s].
-        together: Whether it starts together with the previous reply, because two servos have one ID.
-    """
-
-    content: bytes
-    pause: float
-    together: bool = False
+    content: bytes  # its bytes
+    pause: float  # delay after the previous packet [s]
+    together: bool = False  # whether it starts together with the previous reply, because two servos have one ID
 
 
 class ServoChain:

@@ -1,14 +1,58 @@
-"""A virtual arm on a half-duplex line: receives bytes, advances the simulation, and returns timed replies."""
+"""A virtual arm on a half-duplex line: receives bytes, advances its simulation, returns timed replies."""
 
+import time
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 
 from nas_data.hardware.virtual_bus.arm import VirtualArm
 from nas_data.hardware.virtual_bus.chain import Reply
-from nas_data.hardware.virtual_bus.clock import BusClock
-from nas_data.hardware.virtual_bus.faults.base import Fault
-from nas_data.hardware.virtual_bus.packet import Packet
+from nas_data.hardware.virtual_bus.faults import Fault
+from nas_data.hardware.virtual_bus.packet import Instruction, Packet, PacketProtocol
+
+
+class BusClock(Protocol):
+    """Interface of a clock of a simulated arm."""
+
+    def now(self) -> float:
+        """Return the time since the start [s]."""
+
+    def observe(self, packet: Packet) -> None:
+        """Process a received instruction."""
+
+
+class RealClock:
+    """The monotonic clock."""
+
+    def __init__(self) -> None:
+        self._began = time.monotonic()
+
+    def now(self) -> float:
+        """Return the time since the start [s]."""
+        return time.monotonic() - self._began
+
+    def observe(self, packet: Packet) -> None:
+        """Do nothing: time passes by itself."""
+
+
+class LockStep:
+    """Lock-step time: each goal sent to all servos advances it by a control period. For tests without waiting."""
+
+    def __init__(self, protocol: PacketProtocol, goal: int, period: float) -> None:
+        """Start at zero; a period [s] passes between two writes to the address of the goal register."""
+        self._protocol, self._goal, self._period = protocol, goal, period
+        self._time = 0.0
+
+    def now(self) -> float:
+        """Return the time since the start [s]."""
+        return self._time
+
+    def observe(self, packet: Packet) -> None:
+        """Advance by a period if the packet sends goals."""
+        if packet.instruction == Instruction.SYNC_WRITE and self._protocol.number(packet.parameters, 0) == self._goal:
+            self._time += self._period
+
 
 BITS = 10  # bits per byte on the wire: start bit, eight data bits, stop bit
 
@@ -16,12 +60,7 @@ SILENCE = 0.002  # [s] pause after which an incomplete packet is dropped
 
 
 class Device:
-    """A virtual arm with its faults.
-
-    Attributes:
-        arm: Servos and body.
-        clock: Clock of the simulation.
-    """
+    """A virtual arm with its faults."""
 
     def __init__(
         self,
@@ -69,11 +108,7 @@ class Device:
             fault.apply(self.arm)
 
     def receive(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
-        """Process received bytes.
-
-        Args:
-            data: Received bytes.
-            now: Monotonic time [s]; bytes after a pause begin a new packet.
+        """Process bytes received at a monotonic time [s]; bytes after a pause begin a new packet.
 
         Returns:
             Delay from now [s] and bytes of each reply, in ascending order of the delays.
@@ -116,11 +151,7 @@ def compute_transmission_time(count: int, baud: int) -> float:
 
 
 def transmit(replies: Sequence[Reply], baud: int) -> list[tuple[float, bytes]]:
-    """Transmit replies.
-
-    Args:
-        replies: Replies in the order in which the servos send them.
-        baud: Baud rate [bit/s].
+    """Transmit replies, in the order in which the servos send them, at a baud rate [bit/s].
 
     Returns:
         Time of the last byte after the end of the instruction [s], and bytes, of each transmission.

@@ -5,10 +5,9 @@ Source: Feetech, communication protocol of the STS/SMS series; feetech-servo-sdk
 
 from dataclasses import dataclass
 
-from nas_data.hardware.virtual_bus.packet import BROADCAST, Packet
+from nas_data.hardware.virtual_bus.packet import BROADCAST, Packet, PacketProtocol, PacketReader
 
 HEADER = b"\xff\xff"
-PREFIX = 4  # bytes of header, ID and length
 LONGEST = 250  # largest valid length
 
 
@@ -32,46 +31,18 @@ def encode_status(identity: int, error: int = 0, data: bytes = b"") -> bytes:
     return FeetechPacket(identity, error, data).encode()
 
 
-class FeetechReader:
-    """Finds packets in a stream of bytes, and skips other bytes."""
+class FeetechReader(PacketReader):
+    """Reads this protocol."""
 
-    def __init__(self) -> None:
-        self._bytes = bytearray()
+    header, prefix = HEADER, 4  # bytes of header, ID and length
 
-    def forget(self) -> None:
-        """Drop an incomplete packet, as a servo does after a pause."""
-        self._bytes.clear()
+    def parse_length(self, head: bytes) -> int | None:
+        """See `PacketReader.parse_length`."""
+        return head[3] if head[2] <= BROADCAST and 2 <= head[3] <= LONGEST else None
 
-    def feed(self, data: bytes) -> list[Packet]:
-        """Add bytes; return the packets that they complete."""
-        self._bytes += data
-        found: list[Packet] = []
-        while (packet := self._next()) is not None:
-            found.append(packet)
-        return found
-
-    def _next(self) -> FeetechPacket | None:
-        """Remove and return the first complete packet; None if more bytes are needed."""
-        while True:
-            start = self._bytes.find(HEADER)
-            if start < 0:
-                del self._bytes[: max(0, len(self._bytes) - 1)]  # the last byte may begin a header
-                return None
-            del self._bytes[:start]
-            if len(self._bytes) < PREFIX:
-                return None
-            identity, length = self._bytes[2], self._bytes[3]
-            if identity <= BROADCAST and 2 <= length <= LONGEST:
-                break
-            del self._bytes[0]
-        if len(self._bytes) < PREFIX + length:
-            return None
-        whole = bytes(self._bytes[: PREFIX + length])
-        del self._bytes[: PREFIX + length]
-        return decode(whole)
+    def decode(self, whole: bytes) -> FeetechPacket:
+        """See `PacketReader.decode`."""
+        return FeetechPacket(whole[2], whole[4], whole[5:-1], compute_checksum(whole[2:-1]) == whole[-1])
 
 
-def decode(whole: bytes) -> FeetechPacket:
-    """Decode the bytes of one packet, from header to checksum."""
-    is_valid = compute_checksum(whole[2:-1]) == whole[-1]
-    return FeetechPacket(whole[2], whole[4], whole[5:-1], is_valid)
+FEETECH = PacketProtocol(1, FeetechReader, encode_status, ping_has_model=False, answers_errors=False)

@@ -5,10 +5,11 @@ The checksum is CRC-16 with polynomial x¹⁶ + x¹⁵ + x² + 1, initial value 
 Source: ROBOTIS e-manual, DYNAMIXEL Protocol 2.0.
 """
 
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import reduce
-from typing import Protocol
 
 POLYNOMIAL = 0x8005  # ROBOTIS e-manual, Protocol 2.0, CRC calculation
 
@@ -52,19 +53,12 @@ class Error(IntEnum):
 
 @dataclass(frozen=True)
 class Packet:
-    """A decoded packet.
+    """A decoded packet."""
 
-    Attributes:
-        id: ID of the addressee, or of the sender of a status packet.
-        instruction: Instruction; 0x55 for a status packet.
-        parameters: Parameters; those of a status packet begin with its error byte.
-        is_valid: Whether the checksum is correct.
-    """
-
-    id: int
-    instruction: int
-    parameters: bytes = b""
-    is_valid: bool = True
+    id: int  # ID of the addressee, or of the sender of a status packet
+    instruction: int  # instruction; 0x55 for a status packet
+    parameters: bytes = b""  # parameters; those of a status packet begin with its error byte
+    is_valid: bool = True  # whether the checksum is correct
 
     def encode(self) -> bytes:
         """Return the bytes on the wire."""
@@ -88,21 +82,22 @@ def unstuff(content: bytes) -> bytes:
     return content.replace(STUFFED + b"\xfd", STUFFED)
 
 
-class PacketReader(Protocol):
-    """Interface of readers, which find packets of a protocol in a stream of bytes."""
+class PacketReader(ABC):
+    """Finds packets of a protocol in a stream of bytes, and skips other bytes."""
 
-    def forget(self) -> None:
-        """Drop an incomplete packet."""
-
-    def feed(self, data: bytes) -> list[Packet]:
-        """Add bytes; return the packets that they complete."""
-
-
-class Protocol2Reader:
-    """Finds packets in a stream of bytes, and skips other bytes."""
+    header: bytes
+    prefix: int  # bytes of a packet from which its length is known
 
     def __init__(self) -> None:
         self._bytes = bytearray()
+
+    @abstractmethod
+    def parse_length(self, head: bytes) -> int | None:
+        """Return how many bytes follow the prefix; None if these bytes begin no packet."""
+
+    @abstractmethod
+    def decode(self, whole: bytes) -> Packet:
+        """Decode the bytes of one packet, from header to checksum."""
 
     @property
     def waiting(self) -> bool:
@@ -124,29 +119,39 @@ class Protocol2Reader:
     def _next(self) -> Packet | None:
         """Remove and return the first complete packet; None if more bytes are needed."""
         while True:
-            start = self._bytes.find(HEADER)
+            start = self._bytes.find(self.header)
             if start < 0:
-                del self._bytes[: max(0, len(self._bytes) - len(HEADER) + 1)]  # the last bytes may begin a header
+                del self._bytes[: max(0, len(self._bytes) - len(self.header) + 1)]  # the last bytes may begin a header
                 return None
             del self._bytes[:start]
-            if len(self._bytes) < PREFIX:
+            if len(self._bytes) < self.prefix:
                 return None
-            length = int.from_bytes(self._bytes[5:7], "little")
-            if 3 <= length <= LONGEST:
+            length = self.parse_length(bytes(self._bytes[: self.prefix]))
+            if length is not None:
                 break
-            del self._bytes[: len(HEADER)]
-        if len(self._bytes) < PREFIX + length:
+            del self._bytes[0]
+        if len(self._bytes) < self.prefix + length:
             return None
-        whole = bytes(self._bytes[: PREFIX + length])
-        del self._bytes[: PREFIX + length]
-        return decode(whole)
+        whole = bytes(self._bytes[: self.prefix + length])
+        del self._bytes[: self.prefix + length]
+        return self.decode(whole)
 
 
-def decode(whole: bytes) -> Packet:
-    """Decode the bytes of one packet, from header to checksum."""
-    content = unstuff(whole[PREFIX:-2])
-    is_valid = compute_crc16(whole[:-2]) == int.from_bytes(whole[-2:], "little")
-    return Packet(whole[4], content[0], content[1:], is_valid)
+class Protocol2Reader(PacketReader):
+    """Reads Protocol 2.0."""
+
+    header, prefix = HEADER, PREFIX
+
+    def parse_length(self, head: bytes) -> int | None:
+        """See `PacketReader.parse_length`."""
+        length = int.from_bytes(head[5:7], "little")
+        return length if 3 <= length <= LONGEST else None
+
+    def decode(self, whole: bytes) -> Packet:
+        """See `PacketReader.decode`."""
+        content = unstuff(whole[PREFIX:-2])
+        is_valid = compute_crc16(whole[:-2]) == int.from_bytes(whole[-2:], "little")
+        return Packet(whole[4], content[0], content[1:], is_valid)
 
 
 def _compute_table_entry(high: int) -> int:
@@ -165,3 +170,21 @@ def compute_crc16(data: bytes) -> int:
     for byte in data:
         register = ((register << 8) & 0xFFFF) ^ TABLE[(register >> 8) ^ byte]
     return register
+
+
+@dataclass(frozen=True)
+class PacketProtocol:
+    """A packet protocol of servos."""
+
+    width: int  # bytes of an address, and of a length
+    reader: Callable[[], PacketReader]  # creates a reader of packets
+    status: Callable[[int, int, bytes], bytes]  # returns the bytes of a status packet from ID, error and data
+    ping_has_model: bool  # whether the reply to a ping contains model and firmware
+    answers_errors: bool  # whether damaged and unknown instructions are answered
+
+    def number(self, parameters: bytes, index: int) -> int:
+        """Return the address (index 0) or the length (index 1) at the start of parameters."""
+        return int.from_bytes(parameters[index * self.width : (index + 1) * self.width], "little")
+
+
+PROTOCOL_2 = PacketProtocol(2, Protocol2Reader, encode_status, ping_has_model=True, answers_errors=True)

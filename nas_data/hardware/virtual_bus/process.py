@@ -12,17 +12,13 @@ from dataclasses import replace
 from types import TracebackType
 
 from nas_data.errors import ArmError, OptionError
-from nas_data.hardware.virtual_bus.options import Options
+from nas_data.hardware.virtual_bus.terminal import Options
 
 VIRTUAL = "virtual"
 
 
 class VirtualBus:
-    """A running virtual arm; a context manager that stops it.
-
-    Attributes:
-        port: Path of its port.
-    """
+    """A running virtual arm; a context manager that stops it."""
 
     def __init__(self, options: Options) -> None:
         """Start the arm.

@@ -10,19 +10,13 @@ EVERYTHING, BUT_ID, BUT_ID_AND_BAUD = 0xFF, 0x01, 0x02  # what a factory reset r
 
 
 class VirtualServo:
-    """A control table with the rules of its series.
-
-    Attributes:
-        kind: Its series.
-        memory: Bytes of the control table.
-        answers_sync: Whether the firmware supports sync read.
-    """
+    """A control table with the rules of its series."""
 
     def __init__(self, identity: int, model_number: int | None = None, kind: ServoSeries = XL320) -> None:
         """Create a servo with factory settings and an ID."""
         self.kind, self.memory = kind, bytearray(kind.size)
         self._drive: ServoDrive | None = None
-        self.answers_sync = True
+        self.answers_sync = True  # whether the firmware supports sync read
         self._registered: tuple[int, bytes] | None = None
         for name, register in kind.registers.items():
             self.put(name, register.initial)

@@ -1,4 +1,4 @@
-"""An arm of XL-320 servos: checks, configuration, control and safe stop."""
+"""An arm of XL-320 servos: settings, checks, control and safe stop."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -7,29 +7,75 @@ from types import TracebackType
 
 import numpy as np
 
-from nas_data.errors import ArmError, ServoSilent
-from nas_data.hardware.arms.base import Health, Reading
-from nas_data.hardware.arms.safety import OPENER, make_safe
-from nas_data.hardware.xl320.bus import Answer, Bus
-from nas_data.hardware.xl320.configuration import Configuration
-from nas_data.hardware.xl320.control_table import FEEDBACK, FEEDBACK_SIZE, HEALTH, HEALTH_SIZE, SETTINGS
-from nas_data.hardware.xl320.fitness import refuse_outside, refuse_unfit
+from nas_data.errors import ArmError, OptionError, ServoSilent
+from nas_data.hardware.arms.base import OPENER, Health, Reading, make_safe
+from nas_data.hardware.xl320.bus import Answer, Bus, open_port
+from nas_data.hardware.xl320.control_table import (
+    FEEDBACK,
+    FEEDBACK_SIZE,
+    HEALTH,
+    HEALTH_SIZE,
+    HIGHEST,
+    SETTINGS,
+    VOLT,
+    encode_speed_limit,
+)
 from nas_data.hardware.xl320.joints import Joints
-from nas_data.hardware.xl320.port import open_port
-from nas_data.hardware.xl320.survey import FoundServo, make_no_answer_error, survey
-from nas_data.hardware.xl320.units import HIGHEST, VOLT
+from nas_data.hardware.xl320.survey import FoundServo, make_no_answer_error, refuse_outside, refuse_unfit, survey
+
+FULL = 1023
+
+
+@dataclass(frozen=True, kw_only=True)
+class Configuration:
+    """Settings that are written to every servo."""
+
+    p_gain: int = 32  # proportional gain in the register's units; 32 at the factory
+    i_gain: int = 0  # integral gain
+    d_gain: int = 0  # derivative gain
+    speed: float = 1.745  # speed limit [rad/s]; 0 for none. The paper's recordings had 100°/s.
+    torque: float = 1.0  # torque limit as a share of the largest torque; Poppy's software uses 0.7
+
+    def __post_init__(self) -> None:
+        for name in ("p_gain", "i_gain", "d_gain"):
+            if not 0 <= getattr(self, name) <= 254:
+                raise OptionError(f"{name} is {getattr(self, name)}; it must lie in 0 … 254.")
+        if not 0 <= self.speed < 12:
+            raise OptionError(f"The speed limit is {self.speed} rad/s; it must lie in 0 (none) … 11.9.")
+        if not 0 < self.torque <= 1:
+            raise OptionError(f"The torque limit is {self.torque}; it must be a share above 0 and up to 1.")
+
+    def write(self, bus: Bus, identity: int, limits: tuple[int, int]) -> None:
+        """Write the settings and limits (lowest and highest goal [ticks]) of one servo; its torque is off afterwards.
+
+        Raises:
+            ArmError: the servo refuses a setting.
+        """
+        bus.write(identity, "torque_enable", 0)  # first: persistent registers are locked while the torque is on
+        persistent = {"return_delay": 0, "status_level": 2, "control_mode": 2}
+        for name, value in (persistent | {"cw_limit": limits[0], "ccw_limit": limits[1]}).items():
+            if bus.get(identity, name) != value:  # the persistent memory wears out with every write
+                bus.write(identity, name, value)
+        for name, value in self.registers().items():
+            bus.write(identity, name, value)
+
+    def registers(self) -> dict[str, int]:
+        """Return the values of the volatile registers."""
+        return {
+            "p_gain": self.p_gain,
+            "i_gain": self.i_gain,
+            "d_gain": self.d_gain,
+            "moving_speed": encode_speed_limit(self.speed) if self.speed else 0,
+            "torque_limit": round(self.torque * FULL),
+        }
+
+    def to_json(self) -> dict[str, object]:
+        """Return the settings for provenance."""
+        return {**asdict(self), "registers": self.registers(), "return_delay": 0}
 
 
 class Xl320Arm:
-    """An arm on a port; a context manager that switches its torque off at the end.
-
-    Attributes:
-        joints: Its joints and servos.
-        configuration: Settings of its servos.
-        bus: Its bus.
-        sequential: Whether servos are read one by one, because they do not support sync read.
-        retries: Readings that needed more than one attempt.
-    """
+    """An arm on a port; a context manager that switches its torque off at the end."""
 
     def __init__(
         self,
@@ -52,8 +98,8 @@ class Xl320Arm:
         self.joints, self.port = joints, port
         self.bus = Bus(open_port(port))
         self._now = now
-        self.sequential = False
-        self.retries = 0
+        self.sequential = False  # whether servos are read one by one, because they do not support sync read
+        self.retries = 0  # readings that needed more than one attempt
         self.configuration = configuration or Configuration()
 
     @property
@@ -177,7 +223,7 @@ class Xl320Arm:
         return [identity for identity in self.joints.ids if not self._is_off(identity)]
 
     def make_safe(self) -> str:
-        """Stop the arm and switch its torque off; see `nas_data.hardware.arms.safety`."""
+        """Stop the arm and switch its torque off; see `nas_data.hardware.arms.base`."""
         return make_safe(self)
 
     def close(self) -> None:
@@ -239,17 +285,11 @@ class Xl320Arm:
 
 @dataclass(frozen=True, kw_only=True)
 class Xl320:
-    """The driver of an arm of XL-320 servos.
+    """The driver of an arm of XL-320 servos."""
 
-    Attributes:
-        port: Path of the port.
-        joints: Expected joints and servos.
-        configuration: Settings of the servos.
-    """
-
-    port: str
-    joints: Joints
-    configuration: Configuration = field(default_factory=Configuration)
+    port: str  # path of the port
+    joints: Joints  # expected joints and servos
+    configuration: Configuration = field(default_factory=Configuration)  # settings of the servos
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from nas_data.errors import ArmError
 from nas_data.hardware.xl320.arm import Xl320Arm
 from nas_data.hardware.xl320.control_table import MODEL_NUMBER
-from nas_data.hardware.xl320.fitness import refuse_outside, refuse_unfit
 from nas_data.hardware.xl320.joints import Joints
 from nas_data.hardware.xl320.survey import (
     FoundServo,
@@ -14,20 +13,17 @@ from nas_data.hardware.xl320.survey import (
     make_no_answer_error,
     read_servo,
     refuse_duplicates,
+    refuse_outside,
+    refuse_unfit,
 )
 
 
 @dataclass(frozen=True)
 class Inventory:
-    """Servos and problems of an arm.
+    """Servos and problems of an arm."""
 
-    Attributes:
-        servos: Servos that could be read, in order of their IDs.
-        problems: Problems that prevent use of the arm, one sentence each.
-    """
-
-    servos: tuple[FoundServo, ...]
-    problems: tuple[str, ...]
+    servos: tuple[FoundServo, ...]  # servos that could be read, in order of their IDs
+    problems: tuple[str, ...]  # problems that prevent use of the arm, one sentence each
 
 
 def take_inventory(arm: Xl320Arm) -> Inventory:

@@ -1,12 +1,25 @@
-"""Search for the servos on a bus, with model and state of each."""
+"""Search for the servos on a bus, the state of each, and whether an arm of them may move."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from nas_data.errors import ArmError, DuplicateId, NobodyAnswers, ServoSilent, WrongModel
+import numpy as np
+
+from nas_data.errors import (
+    ArmError,
+    DuplicateId,
+    NobodyAnswers,
+    OutsideLimits,
+    ServoHot,
+    ServoOverloaded,
+    ServoSilent,
+    SupplyLow,
+    WrongModel,
+)
+from nas_data.hardware.arms.base import Health
 from nas_data.hardware.xl320.bus import Bus
-from nas_data.hardware.xl320.control_table import FEEDBACK, MODEL_NUMBER, OVERHEAT, OVERLOAD, VOLTAGE
-from nas_data.hardware.xl320.units import VOLT
+from nas_data.hardware.xl320.control_table import FEEDBACK, MODEL_NUMBER, OVERHEAT, OVERLOAD, VOLT, VOLTAGE
+from nas_data.hardware.xl320.joints import Joints
 
 TRIES = 3
 MOVING_PART = 10  # bytes from position to temperature, which differ between two servos with one ID
@@ -15,27 +28,16 @@ FAULTS = {OVERLOAD: "overload", OVERHEAT: "overheating", VOLTAGE: "voltage"}
 
 @dataclass(frozen=True)
 class FoundServo:
-    """One servo.
-
-    Attributes:
-        id: Its ID.
-        model: Its model number; 350 is an XL-320.
-        firmware: Version of its firmware.
-        voltage: Supply voltage [V].
-        temperature: Internal temperature [°C].
-        ticks: Position [ticks].
-        torque: Whether its torque is on.
-        errors: Reasons of a shutdown in words; empty without one.
-    """
+    """One servo."""
 
     id: int
-    model: int
-    firmware: int
-    voltage: float
-    temperature: int
-    ticks: int
-    torque: bool
-    errors: tuple[str, ...]
+    model: int  # its model number; 350 is an XL-320
+    firmware: int  # version of its firmware
+    voltage: float  # supply voltage [V]
+    temperature: int  # internal temperature [°C]
+    ticks: int  # position [ticks]
+    torque: bool  # whether its torque is on
+    errors: tuple[str, ...]  # reasons of a shutdown in words; empty without one
 
 
 def read_servo(bus: Bus, identity: int) -> FoundServo:
@@ -111,3 +113,42 @@ def make_no_answer_error(port: str) -> ArmError:
         f"No servo answers on {port}; switch the supply on (7.4 V), check the plug of the first servo, and that it is "
         "the arm's port."
     )
+
+
+LOWEST_VOLTAGE = 6.0  # [V] lowest specified voltage of an XL-320; e-manual
+MARGIN = 0.05  # [rad] tolerated initial position beyond a limit: ten ticks of play and sag
+COOL = 50  # [°C] to which an overheated servo must cool down
+
+
+def refuse_unfit(name: str, health: Health) -> None:
+    """Refuse a servo that has shut down or has a low supply voltage.
+
+    Raises:
+        SupplyLow: the voltage is below 6 V, or the servo reported a voltage error.
+        ServoHot, ServoOverloaded: it shut down for that reason.
+    """
+    again = "then clear it (nas robot ergojr --port PORT --reboot)."
+    if health.errors & OVERHEAT:
+        raise ServoHot(f"{name} shut down at {health.temperature} °C; let it cool below {COOL} °C, {again}")
+    if health.errors & OVERLOAD:
+        raise ServoOverloaded(f"{name} shut down by overload; free what blocks it, {again}")
+    if health.voltage < LOWEST_VOLTAGE:
+        raise SupplyLow(
+            f"{name} gets {health.voltage:.1f} V; an XL-320 needs 6 V: charge or exchange the supply (7.4 V)."
+        )
+    if health.errors & VOLTAGE:
+        raise SupplyLow(f"{name} had a voltage out of its range; check the supply (7.4 V), {again}")
+
+
+def refuse_outside(joints: Joints, positions: np.ndarray) -> None:
+    """Refuse positions [rad], shape (n,), outside the limits: a first command could cause a collision.
+
+    Raises:
+        OutsideLimits: a joint is outside its limits.
+    """
+    for joint, position, low, high in zip(joints.names, positions, joints.low, joints.high, strict=True):
+        if not low - MARGIN <= position <= high + MARGIN:
+            raise OutsideLimits(
+                f"{joint} stands at {np.degrees(position):.0f}°, outside {np.degrees(low):.0f} … "
+                f"{np.degrees(high):.0f}°; move it there by hand (the torque is off), or calibrate the arm."
+            )

@@ -1,18 +1,20 @@
-"""Setup of one or two ErgoJr arms for rollouts: checks of the task, and control of the arms."""
+"""Setup of one or two ErgoJr arms for rollouts: checks of the task, control of the arms, and their source of hits."""
 
+import os
+import struct
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
 
 import numpy as np
 
 from nas_data.envs.base import Task
 from nas_data.envs.ergo_shield import ErgoShield, detect_touches
 from nas_data.errors import OptionError
-from nas_data.policies.rollouts.approach import Approach
-from nas_data.policies.rollouts.keyboard import Keyboard
 from nas_data.policies.rollouts.robot_stepper import AHEAD, RobotStepper, RolloutTally
-from nas_data.policies.rollouts.two_arm_planner import TwoArmPlanner, make_two_arm_planner
+from nas_data.policies.rollouts.two_arm_planner import Approach, TwoArmPlanner, make_two_arm_planner
 from nas_data.recorders.arm_motion import ArmMotion
 from nas_data.recorders.guarded import GuardedArm, Setup
 from nas_data.recorders.path_planner import PathPlanner
@@ -20,6 +22,74 @@ from nas_data.recorders.schedule import Clock
 from nas_data.robots.base import find_robot
 from nas_data.robots.ergojr import JOINTS
 from nas_data.simulators.base import Stepper
+
+# Linux, include/uapi/linux/input.h and input-event-codes.h
+EVENT = struct.Struct("llHHi")  # seconds, microseconds, type, code, value
+KEY_EVENT, KEY_S = 1, 31  # the authors' MakeyMakey sends an "s"
+RELEASED = 0  # value of an event; 1 is pressed, 2 repeated
+EVENTS = 64  # read at once
+
+
+class Keyboard:
+    """The key of a MakeyMakey, pressed while sword and shield (in conductive paint) touch; a context manager."""
+
+    def __init__(self, path: str) -> None:
+        """Open an input device.
+
+        Raises:
+            OptionError: there is no such device, or the user may not read it.
+        """
+        try:
+            self._descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        except PermissionError:
+            raise OptionError(
+                f"{path} may not be read by this user; join its group (sudo usermod -aG input $USER) and log in again."
+            ) from None
+        except OSError as error:
+            raise OptionError(
+                f"{path} cannot be read as a keyboard ({(error.strerror or str(error)).lower()}); give --hits one of: "
+                f"{list_keyboards()}."
+            ) from None
+        self._path, self._held = path, False
+
+    def __call__(self, stepper: Stepper) -> np.ndarray:
+        """Return whether the key was pressed since the last call or still is, shape (1,).
+
+        Raises:
+            OptionError: the device is gone.
+        """
+        pressed = self._held
+        for kind, code, value in self._read_events():
+            if (kind, code) == (KEY_EVENT, KEY_S):
+                self._held = value != RELEASED
+                pressed |= self._held
+        return np.array([pressed])
+
+    def _read_events(self) -> list[tuple[int, int, int]]:
+        """Return type, code and value of the new events."""
+        try:
+            content = os.read(self._descriptor, EVENTS * EVENT.size)
+        except BlockingIOError:
+            return []
+        except OSError:
+            raise OptionError(f"{self._path} vanished while it was read; plug the MakeyMakey in again.") from None
+        whole = content[: len(content) // EVENT.size * EVENT.size]
+        return [event[2:] for event in EVENT.iter_unpack(whole)]
+
+    def __enter__(self) -> "Keyboard":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        os.close(self._descriptor)
+
+
+def list_keyboards() -> str:
+    """Return the available keyboards as a list for a sentence."""
+    found = sorted(str(path) for path in Path("/dev/input/by-id").glob("*-kbd"))
+    return ", ".join([*found, "simulated"])
+
 
 ARM = "ergojr_penholder"  # model of a single arm
 NO_LOAD_SPEED = 11.9  # [rad/s] at 7.4 V, XL-320 e-manual (114 rpm)
@@ -29,23 +99,14 @@ SIMULATED = "simulated"
 
 @dataclass(frozen=True, kw_only=True)
 class ArmSetup:
-    """The arms on the table.
+    """The arms on the table."""
 
-    Attributes:
-        attacker: The arm that the policy commands.
-        defender: The second arm; None if the task has none.
-        clock: Clock of the control loop.
-        hits: Source of hits: an input device, or `simulated` for the geometry of the measured poses.
-        missed: Share of simulated hits that are dropped.
-        edges: Whether collision checks include sword and shield against the other arm's body.
-    """
-
-    attacker: Setup
-    defender: Setup | None
-    clock: Clock
-    hits: str = SIMULATED
-    missed: float = 0.0
-    edges: bool = False
+    attacker: Setup  # the arm that the policy commands
+    defender: Setup | None  # the second arm; None if the task has none
+    clock: Clock  # clock of the control loop
+    hits: str = SIMULATED  # source of hits: an input device, or `simulated` for the geometry of the measured poses
+    missed: float = 0.0  # share of simulated hits that are dropped
+    edges: bool = False  # whether collision checks include sword and shield against the other arm's body
 
     def check(self, task: Task) -> None:
         """Check that a task fits the arms.
@@ -66,10 +127,6 @@ class ArmSetup:
     @contextmanager
     def open(self, task: Task, tally: RolloutTally) -> Iterator[tuple[Task, RobotStepper]]:
         """Take over the arms; yield the task with its source of hits, and the stepper that moves the arms.
-
-        Args:
-            task: The task.
-            tally: Statistics to continue.
 
         Raises:
             ArmError: an arm failed; the torque of all arms is off.

@@ -57,20 +57,13 @@ WORDS = {  # names for the user of settings in which two series of rollouts may 
 
 @dataclass(frozen=True, kw_only=True)
 class Recorder:
-    """Converts rollouts to a dataset.
+    """Converts rollouts to a dataset."""
 
-    Attributes:
-        joints: Names of the arm's joints.
-        rate: Control rate [Hz].
-        task: Name of the environment.
-        objects: Feature of the defender's state; width 0 without a defender.
-        provenance: Origin of the episodes, without statistics. Only rollouts of equal provenance can be resumed.
-    """
-
-    joints: tuple[str, ...]
-    rate: float
-    task: str
-    objects: Feature
+    joints: tuple[str, ...]  # names of the arm's joints
+    rate: float  # control rate [Hz]
+    task: str  # name of the environment
+    objects: Feature  # feature of the defender's state; width 0 without a defender
+    # origin of the episodes, without statistics. Only rollouts of equal provenance can be resumed.
     provenance: Provenance
 
     def dataset(self, bouts: Sequence[ArmAttempt], judgement: RolloutScore) -> Dataset:
@@ -90,14 +83,7 @@ class Recorder:
 
 
 class Saved:
-    """Saved rollouts, to which more may be added.
-
-    Attributes:
-        name: Name of the final dataset.
-        growing: The saved episodes.
-        scores: Score of each rollout.
-        tally: Statistics of the recording.
-    """
+    """Saved rollouts, to which more may be added."""
 
     def __init__(self, name: str, growing: IncrementalWriter) -> None:
         """Read the rollouts of an earlier run.
@@ -142,9 +128,6 @@ class Saved:
 
     def finish(self, notes: str) -> Path:
         """Save the rollouts as a dataset, and return its folder.
-
-        Args:
-            notes: Notes for the provenance.
 
         Raises:
             OptionError: no rollout is saved.

@@ -19,30 +19,20 @@ AHEAD = 0.1  # [s] lookahead of the collision check
 
 @dataclass
 class ArmAttempt(ArmEpisode):
-    """Readings and commands from one reset to the next.
+    """Readings and commands from one reset to the next."""
 
-    Attributes:
-        opponents: Defender states before the first command and after each, T + 1 of shape (m,); m may be 0.
-    """
-
+    # defender states before the first command and after each, T + 1 of shape (m,); m may be 0
     opponents: list[np.ndarray] = field(default_factory=list)
 
 
 @dataclass
 class RolloutTally(RecordingStats):
-    """Counts over all sittings of rollouts.
+    """Counts over all sittings of rollouts."""
 
-    Attributes:
-        steps: Commands.
-        late: Late readings after a command, including the missed ones.
-        held_back: Commands that were replaced because they would have caused a collision.
-        unheard: Transactions that were repeated after the attempts of the bus had failed.
-    """
-
-    steps: int = 0
-    late: int = 0
-    held_back: int = 0
-    unheard: int = 0
+    steps: int = 0  # commands
+    late: int = 0  # late readings after a command, including the missed ones
+    held_back: int = 0  # commands that were replaced because they would have caused a collision
+    unheard: int = 0  # transactions that were repeated after the attempts of the bus had failed
 
 
 class RobotStepper:
@@ -55,11 +45,6 @@ class RobotStepper:
 
     After a transient bus error the arms stand still and the reading is repeated. It is flagged as late and missed, and
     the schedule continues with the next full period. Only persistent errors are raised.
-
-    Attributes:
-        joints: Names of the commanded joints.
-        size: Batch size, 1.
-        tally: Statistics so far.
     """
 
     def __init__(
@@ -193,12 +178,9 @@ class RobotStepper:
                 motion.command(pose)
 
     def _avoid_contact(self, goal: np.ndarray) -> np.ndarray:
-        """Return the goal, with the safe pose for arms that would collide.
+        """Return the goal [rad], shape (n,) or (2n,), with the safe pose for arms that would collide.
 
         The attacker is stopped first, then the defender instead, then both.
-
-        Args:
-            goal: Command of the attacker, then of a defender [rad], shape (n,) or (2n,).
         """
         n = len(self.joints)
         here, velocities = self._measured()

@@ -1,4 +1,4 @@
-"""Collision checks and collision-free slow paths of two arms: one moves at a time, around the other or past it."""
+"""Two arms: collision checks, collision-free slow paths on which one moves at a time, and the approach to a pose."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from nas_data.errors import PathBlocked
+from nas_data.recorders.arm_motion import APPROACH, LEAD, SETTLE, ArmMotion, plan_slow_path
 from nas_data.recorders.path_planner import PathPlanner
 from nas_data.robots.base import ConsecutiveEdits
 from nas_data.robots.ergo_shield import DEFENDER, DEFENDERS_JOINTS
@@ -26,21 +27,12 @@ class TwoArmPlanner:
     """Plans paths of an attacker and a defender; poses [rad], shape (2n,), have the attacker's joints first."""
 
     def __init__(self, alone: PathPlanner, together: Sequence[PathPlanner]) -> None:
-        """Set the collision checks.
-
-        Args:
-            alone: Planner of a single arm.
-            together: Planners of both arms, the largest clearance first; the first one that finds a path is used.
-        """
+        """Set the planner of one arm, and those of both, largest clearance first; the first with a path counts."""
         self._alone, self._together = alone, together
         self._attacker = np.arange(2 * len(alone.rest)) < len(alone.rest)
 
     def find(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """Find a collision-free path.
-
-        Args:
-            begin: Present pose [rad], shape (2n,).
-            end: Target pose [rad], shape (2n,).
+        """Find a collision-free path between two poses [rad], shape (2n,).
 
         Returns:
             Waypoints [rad], shape (k, 2n). One arm moves between two of them, straight in joint space. The last one
@@ -135,3 +127,83 @@ def make_two_arm_planner(edges: bool = False, clearance: float = 0.0) -> PathPla
     touching = ConsecutiveEdits(add_edges if edges else tell_apart, partial(keep_clear, clearance=clearance))
     edit = ConsecutiveEdits(DUEL.edit, touching)
     return PathPlanner(replace(DUEL, name="two_ergojr", joints=(*JOINTS, *DEFENDERS_JOINTS), edit=edit))
+
+
+PLANS = 5  # attempts to plan a path and follow it
+SEEKING = 10.0  # [s] allowed for planning a path
+AHEAD = 0.1  # [s] lookahead of the collision check
+STILL = 0.15  # [rad/s] below which an arm counts as standing still
+PATIENCE = 1.0  # [s] to wait until the arms stand still
+
+
+class Approach:
+    """Brings an attacker and a defender to poses [rad], shape (2n,), the attacker's joints first.
+
+    Gravity sag is compensated, so that the arms reach the pose itself.
+    """
+
+    def __init__(self, attacker: ArmMotion, defender: ArmMotion, seeking: TwoArmPlanner, touching: PathPlanner) -> None:
+        """Take over two arms."""
+        self._arms, self._clock, self._period = (attacker, defender), attacker.clock, attacker.period
+        self._seeking, self._touching, self._due = seeking, touching, 0.0
+
+    def __call__(self, pose: np.ndarray) -> None:
+        """Bring both arms to a pose [rad], shape (2n,), and hold it for half a second.
+
+        Raises:
+            PathBlocked: no path is free, or the arms left the planned path too often.
+            ArmError: an arm failed.
+        """
+        for _ in range(PLANS):
+            here = self._stop()
+            self._arms[0].extend_deadline(SEEKING)
+            if self._follow(np.stack([here, *self._seeking.find(here, pose)])):
+                return
+        raise PathBlocked(
+            f"On their slow ways the arms came so near to each other {PLANS} times that they were stopped; move both "
+            "upright by hand (the torque is off) and start again."
+        )
+
+    def compensate_sag(self, pose: np.ndarray) -> np.ndarray:
+        """Return the command that holds a pose against gravity [rad], shape (2n,)."""
+        return pose - self._touching.sag(pose)
+
+    def _stop(self) -> np.ndarray:
+        """Hold both arms until they stand still; return the measured pose [rad], shape (2n,)."""
+        self._due = self._clock.now() + LEAD
+        here, velocities = self._read()
+        stay = here
+        for _ in range(round(PATIENCE / self._period)):
+            self._send(stay)
+            here, velocities = self._read()
+            if np.abs(velocities).max() < STILL:
+                break
+        return here
+
+    def _follow(self, corners: np.ndarray) -> bool:
+        """Follow waypoints [rad], shape (k, 2n), and hold the last; return False at a predicted collision."""
+        slow = [plan_slow_path(a, b, self._period) for a, b in pairwise(corners)]
+        path = np.concatenate([*slow, np.repeat(corners[-1:], round(SETTLE / self._period), axis=0)])
+        ahead, self._due = round(AHEAD / self._period), self._clock.now() + LEAD
+        for number, pose in enumerate(path):
+            here, _ = self._read()
+            soon = path[min(number + ahead, len(path) - 1)]
+            near = here + np.clip(soon - here, -AHEAD * APPROACH, AHEAD * APPROACH)
+            if self._touching.enters_contact(here, near):
+                return False
+            self._send(pose)
+        self._read()
+        return True
+
+    def _read(self) -> tuple[np.ndarray, np.ndarray]:
+        """Read both arms at the next control period: positions [rad] and velocities [rad/s], shape (2n,) each."""
+        self._clock.wait_until(self._due)
+        self._due += self._period
+        readings = [arm.sense() for arm in self._arms]
+        positions, velocities = zip(*((reading.positions, reading.velocities) for reading in readings), strict=True)
+        return np.concatenate(positions), np.concatenate(velocities)
+
+    def _send(self, pose: np.ndarray) -> None:
+        """Command both arms to a pose [rad], shape (2n,), with sag compensation."""
+        for arm, command in zip(self._arms, np.split(self.compensate_sag(pose), 2), strict=True):
+            arm.send(command)

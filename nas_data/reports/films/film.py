@@ -1,6 +1,6 @@
 """Pictures and films of ghosts, with a caption that says who is who and how far each is off."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from io import BytesIO
 from pathlib import Path
 
@@ -146,18 +146,11 @@ def write_mp4(
             assert isinstance(stream, av.VideoStream)
             stream.height, stream.width = film.size
             stream.pix_fmt = "yuv420p"
-            for picture in draw_pictures(film, frames, progress):
-                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+            for done, frame in enumerate(frames, 1):
+                picture = av.VideoFrame.from_ndarray(film.picture(int(frame)), format="rgb24")
+                container.mux(stream.encode(picture))
+                progress(done, len(frames))
             container.mux(stream.encode())
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
-
-
-def draw_pictures(
-    film: Film, frames: Sequence[int] | np.ndarray, progress: Callable[[int, int], None]
-) -> Iterator[np.ndarray]:
-    """Yield the pictures of some frames."""
-    for done, frame in enumerate(frames, 1):
-        yield film.picture(int(frame))
-        progress(done, len(frames))

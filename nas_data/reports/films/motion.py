@@ -21,20 +21,14 @@ MEASURED = "measured"
 
 @dataclass(frozen=True)
 class Ghost:
-    """One arm of a film over T control steps.
+    """One arm of a film over T control steps."""
 
-    Attributes:
-        name: What it is called.
-        simulator: Whose model gives the arm its shape.
-        states: Joints' positions [rad; m], velocities [rad/s; m/s] and the objects' states, shape (T + 1, 2n or
-            2n + m); the first row is where the episode begins.
-        errors: RMSE over the joints of each kind, hinges [rad] before slides [m], shape (T + 1, kinds).
-    """
-
-    name: str
-    simulator: MujocoSimulator
+    name: str  # what it is called
+    simulator: MujocoSimulator  # whose model gives the arm its shape
+    # Joints' positions [rad; m], velocities [rad/s; m/s] and the objects' states, shape (T + 1, 2n or 2n + m); the
+    # first row is where the episode begins
     states: np.ndarray
-    errors: np.ndarray
+    errors: np.ndarray  # RMSE over the joints of each kind, hinges [rad] before slides [m], shape (T + 1, kinds)
 
     @property
     def finite(self) -> np.ndarray:
@@ -66,17 +60,11 @@ class Ghost:
 
 @dataclass(frozen=True)
 class Motion:
-    """One episode as its ghosts move in it.
+    """One episode as its ghosts move in it."""
 
-    Attributes:
-        episode: Its number.
-        dataset: The episode alone, T transitions.
-        ghosts: The measured arm, then the models in the order in which they were given.
-    """
-
-    episode: int
-    dataset: Dataset
-    ghosts: tuple[Ghost, ...]
+    episode: int  # its number
+    dataset: Dataset  # the episode alone, T transitions
+    ghosts: tuple[Ghost, ...]  # the measured arm, then the models in the order in which they were given
 
     @property
     def times(self) -> np.ndarray:

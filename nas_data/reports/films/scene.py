@@ -27,12 +27,6 @@ class Scene:
     """The ghosts of an episode in one compiled model; its physics never runs, and nothing in it collides.
 
     What does not move (base, table, floor) is drawn once, with the measured arm.
-
-    Attributes:
-        model: The compiled scene.
-        data: Its posture.
-        owner: Which ghost each body belongs to, shape (nbody,).
-        shown: Which geoms are drawn, shape (ngeom,).
     """
 
     def __init__(self, motion: Motion) -> None:
@@ -42,9 +36,9 @@ class Scene:
             ModelFileError: the models cannot stand in one scene.
         """
         self._postures = np.concatenate([ghost.postures() for ghost in motion.ghosts], axis=1)
-        self.model, self.owner = compose(motion.ghosts)
+        self.model, self.owner = compose(motion.ghosts)  # the owner is each body's ghost, shape (nbody,)
         self.data = mujoco.MjData(self.model)
-        self.shown = paint(self.model, self.owner)
+        self.shown = paint(self.model, self.owner)  # which geoms are drawn, shape (ngeom,)
 
     def __len__(self) -> int:
         """Return the number of frames, T + 1."""
@@ -60,10 +54,8 @@ class Scene:
     def camera(self, azimuth: float, elevation: float, aspect: float) -> mujoco.MjvCamera:
         """Return a camera that sees all postures of the episode.
 
-        Args:
-            azimuth: Direction in which it looks, about the vertical axis [deg].
-            elevation: The same above the horizon [deg]; negative looks down.
-            aspect: Width of the picture by its height.
+        It looks at an azimuth about the vertical axis and an elevation above the horizon [deg]; aspect is width by
+        height.
         """
         turn, lift = np.radians(azimuth), np.radians(elevation)
         forward = np.array([np.cos(lift) * np.cos(turn), np.cos(lift) * np.sin(turn), np.sin(lift)])
@@ -126,12 +118,7 @@ def compose(ghosts: Sequence[Ghost]) -> tuple[mujoco.MjModel, np.ndarray]:
 
 
 def strip_model(ghost: Ghost, with_world: bool) -> mujoco.MjSpec:
-    """Return the bodies, joints and shapes of a ghost's model, and nothing that acts, measures or shines.
-
-    Args:
-        ghost: Whose model.
-        with_world: Whether the shapes that are fixed to the world stay.
-    """
+    """Return bodies, joints and shapes of a ghost's model, those fixed to the world if wanted, and nothing else."""
     spec = bake_inertia(ghost.spec())
     for reference in find_references(spec):  # relative names would be looked for beside the scene, which is no file
         file = find_file(spec, reference, ghost.simulator.robot.mjcf)
@@ -161,13 +148,9 @@ def light_up(scene: mujoco.MjSpec) -> None:
 
 
 def paint(model: mujoco.MjModel, owner: np.ndarray) -> np.ndarray:
-    """Give each ghost its colour, in place; return which geoms are drawn, shape (ngeom,).
+    """Give each ghost its colour by the owner of each body (nbody,); return which geoms are drawn, shape (ngeom,).
 
     Geoms of the groups that MuJoCo hides stay hidden unless a ghost has no others.
-
-    Args:
-        model: Compiled scene.
-        owner: Which ghost each body belongs to, shape (nbody,).
     """
     owners, fixed = owner[model.geom_bodyid], model.body_weldid[model.geom_bodyid] == 0
     visible = (model.geom_group < HIDDEN_GROUPS) & (model.geom_rgba[:, 3] > 0)

@@ -10,7 +10,7 @@ from nas_data.reports.page import Block, Chart, HtmlPage, HtmlTable, PageSection
 from nas_data.reports.style import Stroke, choose_strokes
 from nas_data.studies.ablation.kinds.base import find_kind
 from nas_data.studies.ablation.summary import JSON, Cell, SweepSummary
-from nas_data.studies.ablation.table import HEADERS, make_rows
+from nas_data.studies.ablation.write import HEADERS, make_rows
 
 WIDER = 1.05  # margin factor of the axis of amounts
 TITLES = {"open_loop": "open loop", "one_step": "one step"}

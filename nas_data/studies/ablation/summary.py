@@ -10,10 +10,9 @@ import numpy as np
 
 from nas_data.errors import OptionError
 from nas_data.joint_units import HINGE, JointUnit, find_display_unit
-from nas_data.studies.ablation.amount import Amount, Unit
-from nas_data.studies.ablation.judging import BASELINES
+from nas_data.studies.ablation.judging import BASELINES, TrialResult
 from nas_data.studies.ablation.kinds.base import find_kind
-from nas_data.studies.ablation.results import TrialResult
+from nas_data.studies.ablation.material import Amount, Unit
 from nas_data.studies.ablation.trial import Config
 
 JSON = "ablation.json"
@@ -25,13 +24,9 @@ Outcome = tuple[Config, TrialResult]
 
 @dataclass(frozen=True)
 class Spread:
-    """Errors of several seeds.
+    """Errors of several seeds."""
 
-    Attributes:
-        values: Error of each seed [rad]; infinite after divergence.
-    """
-
-    values: tuple[float, ...]
+    values: tuple[float, ...]  # error of each seed [rad]; infinite after divergence
 
     @property
     def median(self) -> float:
@@ -53,19 +48,12 @@ class Spread:
 
 @dataclass(frozen=True)
 class Cell:
-    """One kind with one amount of data.
+    """One kind with one amount of data."""
 
-    Attributes:
-        kind: Name of the kind.
-        amount: Requested amount of data.
-        size: Actual amount in its unit, median over seeds.
-        errors: Spread of `open_loop` and `one_step`.
-    """
-
-    kind: str
-    amount: Amount
-    size: float
-    errors: Mapping[str, Spread]
+    kind: str  # name of the kind
+    amount: Amount  # requested amount of data
+    size: float  # actual amount in its unit, median over seeds
+    errors: Mapping[str, Spread]  # spread of `open_loop` and `one_step`
 
     @property
     def text(self) -> str:
@@ -75,21 +63,14 @@ class Cell:
 
 @dataclass(frozen=True)
 class SweepSummary:
-    """A sweep's results.
+    """A sweep's results."""
 
-    Attributes:
-        unit: Unit of the amounts.
-        cells: Cells by kind, by ascending amount.
-        baselines: Spread of `open_loop` and `one_step` of source, hold and command, over seeds.
-        failed: Sentences on failed trials.
-        shown: Display unit of errors.
-    """
-
-    unit: Unit
-    cells: Mapping[str, Sequence[Cell]]
+    unit: Unit  # unit of the amounts
+    cells: Mapping[str, Sequence[Cell]]  # cells by kind, by ascending amount
+    # spread of `open_loop` and `one_step` of source, hold and command, over seeds
     baselines: Mapping[str, Mapping[str, Spread]]
-    failed: Sequence[str]
-    shown: JointUnit = HINGE
+    failed: Sequence[str]  # sentences on failed trials
+    shown: JointUnit = HINGE  # display unit of errors
 
     @classmethod
     def of(cls, outcomes: Sequence[Outcome]) -> "SweepSummary":

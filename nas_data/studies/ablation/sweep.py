@@ -11,41 +11,53 @@ from pathlib import Path
 import numpy as np
 from filelock import FileLock, Timeout
 
+from nas_data import registry
 from nas_data.atomic_file import write_atomic
 from nas_data.count_of import count_of
-from nas_data.errors import OutputExists
+from nas_data.dataset.content import hash_episodes
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import ACTION, STATE
+from nas_data.dataset.versions import check_paired
+from nas_data.errors import DatasetInvalid, JointMismatch, ModelFileError, OptionError, OutputExists
 from nas_data.models.presets import TrainingOptions
+from nas_data.pairing import check_fits, check_source
 from nas_data.runs.progress import format_duration
-from nas_data.studies.ablation.amount import Amount
-from nas_data.studies.ablation.executors.base import Executor
-from nas_data.studies.ablation.material import Content, SweepData
-from nas_data.studies.ablation.results import TrialResult
+from nas_data.simulators.engines import ENGINES
+from nas_data.sources import SourceModel
+from nas_data.studies.ablation.judging import TrialResult
+from nas_data.studies.ablation.kinds.base import FOLDER, ModelKind, find_kind
+from nas_data.studies.ablation.kinds.named import read_named
+from nas_data.studies.ablation.material import Amount, Content, SweepData, check_enough
 from nas_data.studies.ablation.trial import TRIALS, UNFINISHED, Config, Trial, do_trial, hash_trial_code
 from nas_data.typed_json import from_json
 from nas_data.visible_files import list_visible_files
 
 SWEEP, LOCK = "sweep.json", ".lock"
+EXECUTORS = "studies.ablation.executors"
+# runs a function on each trial, so many at a time; yields each result with its trial's number as it comes
+Executor = Callable[[Callable[[Trial], TrialResult], Sequence[Trial], int], Iterator[tuple[int, TrialResult]]]
+
+
+def find_executor(name: str) -> Executor:
+    """Return an executor by its name.
+
+    Raises:
+        UnknownName: there is no such executor; lists those there are.
+    """
+    executor: Executor = registry.import_plugin(EXECUTORS, name, "executor").run
+    return executor
 
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """Settings of a sweep.
+    """Settings of a sweep."""
 
-    Attributes:
-        kinds: Names of the kinds.
-        amounts: Amounts of data, all in one unit.
-        seeds: Seeds of every kind and amount.
-        options: Options of the trainings; each trial has its own seed.
-        held_out: Share of held-out episodes; None if another dataset is held out.
-        material: The data.
-    """
-
-    kinds: Sequence[str]
-    amounts: Sequence[Amount]
-    seeds: Sequence[int]
-    options: TrainingOptions
-    held_out: float | None
-    material: SweepData
+    kinds: Sequence[str]  # names of the kinds
+    amounts: Sequence[Amount]  # amounts of data, all in one unit
+    seeds: Sequence[int]  # seeds of every kind and amount
+    options: TrainingOptions  # options of the trainings; each trial has its own seed
+    held_out: float | None  # share of held-out episodes; None if another dataset is held out
+    material: SweepData  # the data
 
     def trials(self, content: Content, folder: Path) -> list[Trial]:
         """Return all trials, seed by seed, so that first results cover all amounts; long trials come first in each.
@@ -133,13 +145,7 @@ class SweepProgress:
     """Progress of a sweep: each result as it arrives, and the remaining time."""
 
     def __init__(self, waiting: Sequence[Config], workers: int, total: int) -> None:
-        """Start counting.
-
-        Args:
-            waiting: Trials to run.
-            workers: Number of parallel trials.
-            total: Number of trials of the sweep, finished ones included.
-        """
+        """Start counting the waiting trials of so many in total, finished ones included."""
         self.waiting = list(waiting)
         self.workers = max(1, min(workers, len(waiting)))
         self.total = total
@@ -217,3 +223,93 @@ def check_same(folder: Path, identity: Mapping[str, object]) -> None:
 def shorten(value: object) -> str:
     """Return a value for an error message; hashes are shortened."""
     return value[:8] if isinstance(value, str) else "none" if value is None else str(value)
+
+
+def check(plan: SweepPlan) -> None:
+    """Refuse a plan that cannot be run.
+
+    Raises:
+        NasError: says what is wrong, and the remedy.
+    """
+    check_seeds(plan)
+    if not plan.kinds:
+        raise OptionError(
+            f"--kinds names none; give some of {', '.join(registry.list_names(FOLDER))}, with commas between."
+        )
+    kinds = {name: find_kind(name) for name in plan.kinds}
+    dataset = plan.material.read()
+    check_held_out(plan, dataset)
+    check_sources(plan, dataset, kinds)
+    for seed in plan.seeds:
+        train, held = plan.material.divide(dataset, plan.held_out, seed)
+        for amount in plan.amounts:
+            check_enough(dataset, train, amount)
+        if plan.material.test is not None:
+            check_test(plan, dataset, held)
+
+
+def check_seeds(plan: SweepPlan) -> None:
+    """Refuse negative and repeated seeds."""
+    if not plan.seeds or min(plan.seeds) < 0 or len(set(plan.seeds)) < len(plan.seeds):
+        raise OptionError(f"--seeds are {', '.join(map(str, plan.seeds))}; give different numbers, 0 or more.")
+
+
+def check_held_out(plan: SweepPlan, dataset: Dataset) -> None:
+    """Refuse a share out of range, and a single episode, which cannot be both training and held-out data."""
+    if plan.held_out is None:
+        return
+    if not 0 < plan.held_out < 1:
+        raise OptionError(f"--held-out is {plan.held_out:g}; it must lie between 0 and 1, for example 0.2.")
+    if dataset.n_episodes < 2:
+        raise DatasetInvalid(
+            f"{plan.material.root} has one episode, which cannot both train and judge; "
+            "record more, or give another dataset that judges: --test DATASET."
+        )
+
+
+def check_sources(plan: SweepPlan, dataset: Dataset, kinds: dict[str, ModelKind]) -> None:
+    """Refuse kinds without the source or the pairs that they need."""
+    material, source = plan.material, plan.material.source()
+    for name, kind in kinds.items():
+        if kind.needs_pairs:
+            check_paired(material.root, dataset, f"The kind {name}", ", or leave it out (--kinds forward)")
+        if kind.needs_source and source is None:
+            raise ModelFileError(
+                f"The kind {name} needs a source, and {material.root} keeps none; give --model MODEL.xml."
+            )
+        if kind.names and source is not None:
+            check_naming(plan, dataset, source, name)
+    if source is not None:
+        simulator = source.simulator(dataset, threads=1)
+        pairs = any(kind.needs_pairs for kind in kinds.values())
+        (check_source if pairs else check_fits)(dataset, simulator)
+
+
+def check_naming(plan: SweepPlan, dataset: Dataset, source: SourceModel, kind: str) -> None:
+    """Refuse a source that naming does not support, and given effects of another robot."""
+    if plan.material.effects is not None:
+        read_named(plan.material.effects, source, dataset)
+    elif source.engine != ENGINES[0] or source.effects:
+        what = f"runs in {source.engine}" if source.engine != ENGINES[0] else "has effects already"
+        raise ModelFileError(
+            f"The source of {plan.material.root} {what}, and the kind {kind} names effects in a plain model in MuJoCo; "
+            "give one with --model, or effects of a gap report with --effects."
+        )
+
+
+def check_test(plan: SweepPlan, dataset: Dataset, test: Dataset) -> None:
+    """Refuse a test dataset of another robot, or one that shares episodes with the training data."""
+    name = plan.material.test
+    mine, other = ((d.joints, d.kinds, round(d.fps, 1)) for d in (dataset, test))
+    if mine != other:
+        raise JointMismatch(
+            f"{name} cannot judge: its joints, kind of command or rate ({', '.join(other[0])}; {other[2]:g} Hz) are "
+            f"not those of {plan.material.root} ({', '.join(mine[0])}; {mine[2]:g} Hz)."
+        )
+    trained = {digest: place for place, digest in enumerate(hash_episodes(dataset, (STATE, ACTION)))}
+    for place, digest in enumerate(hash_episodes(test, (STATE, ACTION))):
+        if digest in trained:
+            raise DatasetInvalid(
+                f"Episode {place} of {name} is episode {trained[digest]} of {plan.material.root}: what judges must not "
+                "train; divide the dataset with `nas split`."
+            )

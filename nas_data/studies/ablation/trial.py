@@ -21,12 +21,9 @@ from nas_data.models.threads import one_thread
 from nas_data.runs.code_hash import hash_code, list_effect_modules
 from nas_data.runs.environment_info import find_commit
 from nas_data.sources import SourceModel
-from nas_data.studies.ablation.amount import Amount
-from nas_data.studies.ablation.judging import judge
+from nas_data.studies.ablation.judging import TrainingData, TrialResult, judge
 from nas_data.studies.ablation.kinds.base import FOLDER, TrainingInput, find_kind
-from nas_data.studies.ablation.material import Content, SweepData
-from nas_data.studies.ablation.results import TrainingData, TrialResult
-from nas_data.studies.ablation.subsets import Run, draw
+from nas_data.studies.ablation.material import Amount, Content, Run, SweepData, draw
 from nas_data.typed_json import as_object
 
 SCHEMA = 1
@@ -35,21 +32,13 @@ TRIALS, UNFINISHED = "trials", ".unfinished"
 
 @dataclass(frozen=True)
 class Config:
-    """Settings of a trial; with the data they determine its result.
+    """Settings of a trial; with the data they determine its result."""
 
-    Attributes:
-        kind: Name of the kind.
-        amount: Amount of training data.
-        seed: Seed of held-out episodes, subset, weights, order and windows.
-        options: Options of the training; its seed is the trial's.
-        held_out: Share of held-out episodes; None if another dataset is held out.
-    """
-
-    kind: str
-    amount: Amount
-    seed: int
-    options: TrainingOptions
-    held_out: float | None
+    kind: str  # name of the kind
+    amount: Amount  # amount of training data
+    seed: int  # seed of held-out episodes, subset, weights, order and windows
+    options: TrainingOptions  # options of the training; its seed is the trial's
+    held_out: float | None  # share of held-out episodes; None if another dataset is held out
 
     def to_json(self) -> dict[str, object]:
         """Return the settings for JSON; the options are null if nothing is trained."""
@@ -66,21 +55,13 @@ class Config:
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial to do.
+    """A trial to do."""
 
-    Attributes:
-        config: Settings of the trial.
-        content: Identity of the data.
-        material: Location of the data.
-        folder: The sweep's folder.
-        code: Hash of the code that determines the result, at the start of the sweep.
-    """
-
-    config: Config
-    content: Content
-    material: SweepData
-    folder: Path
-    code: str
+    config: Config  # settings of the trial
+    content: Content  # identity of the data
+    material: SweepData  # location of the data
+    folder: Path  # the sweep's folder
+    code: str  # hash of the code that determines the result, at the start of the sweep
 
     @property
     def question(self) -> dict[str, object]:
@@ -101,12 +82,7 @@ class Trial:
 
 
 def hash_trial_code(kind: str, source: SourceModel | None) -> str:
-    """Return the hash of the code that draws the subset, learns from it and evaluates the result.
-
-    Args:
-        kind: Name of the kind.
-        source: Plain source; None if there is none.
-    """
+    """Return the hash of the code that draws the subset, learns from it, with a source if any, and evaluates."""
     effects = list_effect_modules() if find_kind(kind).names else ()  # every effect that may be named
     moves = () if source is None else source.modules()
     return hash_code(__name__, f"nas_data.{FOLDER}.{kind}", *moves, *effects)
@@ -166,12 +142,7 @@ def make_failed_result(error: Exception) -> TrialResult:
 
 
 def learn_and_judge(trial: Trial, folder: Path) -> TrialResult:
-    """Draw the subset, learn from it, and predict the held-out episodes.
-
-    Args:
-        trial: The trial.
-        folder: Empty folder for working files.
-    """
+    """Draw the subset, learn from it, and predict the held-out episodes."""
     lesson, held, runs = prepare(trial, folder)
     data = lesson.data
     with one_thread(), threadpool_limits(1):
@@ -187,12 +158,7 @@ def learn_and_judge(trial: Trial, folder: Path) -> TrialResult:
 
 
 def prepare(trial: Trial, folder: Path) -> tuple[TrainingInput, Dataset, list[Run]]:
-    """Return the input of a kind, the held-out transitions, and the runs of frames of the subset.
-
-    Args:
-        trial: The trial.
-        folder: Empty folder for working files.
-    """
+    """Return the input of a kind, the held-out transitions, and the runs of frames of the subset."""
     config, material = trial.config, trial.material
     dataset = material.read()
     train, held = material.divide(dataset, config.held_out, config.seed)

@@ -1,4 +1,4 @@
-"""Third stage of the demo: φ and ψ are trained in parallel, and compared with the names on held-out episodes."""
+"""Third and fourth stage of the demo: φ and ψ are trained and compared, then policies are."""
 
 import json
 from collections.abc import Mapping
@@ -10,19 +10,22 @@ from safetensors.numpy import load_file, save
 from nas_data.atomic_file import write_atomic
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.metrics import Errors
 from nas_data.models.evaluation import MODEL, Evaluation, evaluate
 from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
+from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare, report_training_progress
+from nas_data.policies.evaluate import score_baselines
+from nas_data.policies.intervals import describe_bootstrap
+from nas_data.policies.policy import Hyperparameters
 from nas_data.runs.parallel import count_cores, run_jobs
 from nas_data.runs.progress import say
 from nas_data.runs.stages import INDENT, StageResult
 from nas_data.sources import find_source
-from nas_data.studies.demo.naming import read_named_dynamics
 from nas_data.studies.demo.plan import Demo
-from nas_data.studies.demo.recording import HELDOUT, TRAIN, find_newest
-from nas_data.studies.experiments.pipeline.learning import ModelJob, train_model
-from nas_data.studies.experiments.pipeline.trajectories import PREDICTORS, combine, compare_models
+from nas_data.studies.demo.recording import HELDOUT, TRAIN, find_newest, read_named_dynamics
+from nas_data.studies.experiments.pipeline.learning import PREDICTORS, ModelJob, combine, compare_models, train_model
 
 FOLDERS: dict[Kind, str] = {"delta": "models/phi", "forward": "models/psi"}
 ROLLOUTS = "models/rollouts.safetensors"
@@ -69,12 +72,7 @@ def learn_models(demo: Demo) -> StageResult:
 
 
 def with_names(evaluation: Evaluation, named: Evaluation) -> Evaluation:
-    """Return an evaluation that includes the source with named effects.
-
-    Args:
-        evaluation: Evaluation of φ, ψ and the baselines.
-        named: Evaluation of the source with named effects, on the same episodes.
-    """
+    """Return an evaluation of φ, ψ and baselines with that of the source with named effects on the same episodes."""
     renamed = Evaluation(
         {NAMES: named.one_step["source"]},
         {NAMES: named.open_loop["source"]},
@@ -108,3 +106,64 @@ def load_rollouts(path: Path) -> dict[str, np.ndarray]:
     """Return the stored positions [rad], shape (E, T, n): measured, then by predictor in the order of tables."""
     kept = load_file(path)
     return {name: kept[name] for name in ("measured", *SHOWN) if name in kept}
+
+
+FOLDER = "policies"
+BASELINES = "policies/baselines.json"
+
+
+def learn_policies(demo: Demo) -> StageResult:
+    """Train every method with every seed, and evaluate each policy on the target."""
+    plan = demo.plan
+    study = make_study(demo)
+    with report_training_progress(study, demo.folder / FOLDER, lambda line: demo.report(f"{INDENT}{line}")):
+        comparison = compare(study, demo.folder / FOLDER, count_cores(), lambda line: demo.report(f"{INDENT}{line}"))
+    baselines = score_baselines(plan.target, plan.judged)
+    said = [
+        f"On the target, {plan.judged} episodes a policy (higher is better):",
+        *comparison.table().splitlines(),
+        *(f"without learning, {name}: return {score.mean_return:.2f}" for name, score in baselines.items()),
+        f"policies → {demo.folder / FOLDER}",
+    ]
+    scores = {name: score.describe() for name, score in baselines.items()}
+    write_atomic(demo.folder / BASELINES, (json.dumps(scores, indent=1) + "\n").encode())
+    several = len(plan.seeds) > 1
+    over = f", median of {len(plan.seeds)} seeds" if several else f", seed {plan.seeds[0]}"
+    brackets = f" (in brackets: {describe_bootstrap(len(plan.seeds))})" if several else ""
+    summary = [
+        f"Return on the target{over}: "
+        + ", ".join(f"{method} {np.median(comparison.values(method)):.2f}" for method in study.methods),
+        *(
+            f"{method} closes {closed} of the distance from source to expert{brackets}"
+            for method in study.methods
+            if (closed := comparison.share_closed(method)) is not None and not np.isnan(closed.value)
+        ),
+    ]
+    return StageResult(said, {**comparison.describe(), "baselines": scores}, summary)
+
+
+def load_baselines(path: Path) -> dict[str, dict[str, float]]:
+    """Return the stored scores of untrained baselines."""
+    scores: dict[str, dict[str, float]] = json.loads(path.read_text(encoding="utf-8"))
+    return scores
+
+
+def make_study(demo: Demo) -> Study:
+    """Return the methods to compare: expert, source, φ, ψ and named effects, if any."""
+    plan = demo.plan
+    delta, forward = (str(demo.folder / FOLDERS[kind]) for kind in FOLDERS)
+    named = read_named_dynamics(demo)
+    return Study(
+        target=plan.target,
+        methods={
+            EXPERT_METHOD: plan.target,
+            SOURCE_METHOD: plan.source,
+            "augmented": DynamicsSpec(plan.environment, checkpoint=delta),
+            "forward": DynamicsSpec(plan.environment, checkpoint=forward),
+            **({} if named is None else {"named": named}),
+        },
+        seeds=plan.seeds,
+        frames=plan.frames,
+        episodes=plan.judged,
+        hyperparameters=Hyperparameters(rollout=plan.rollout, minibatches=plan.minibatches, epochs=plan.epochs),
+    )

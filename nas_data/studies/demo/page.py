@@ -5,19 +5,18 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from nas_data.atomic_file import write_atomic
-from nas_data.benchmarks.hardware import read_hardware
+from nas_data.benchmarks.result import read_hardware
 from nas_data.count_of import join_items
 from nas_data.dataset.provenance import format_current_time, read_provenance
 from nas_data.gap.report import GapReport
 from nas_data.gap.showing.page_charts import draw_joint_errors as errors_by_joint
 from nas_data.gap.showing.page_tables import NONE, make_joints_table
-from nas_data.gap.showing.page_verdict import describe_verdict
-from nas_data.gap.showing.page_words import as_words, format_confidence, format_interval, format_value
+from nas_data.gap.showing.page_words import as_words, describe_verdict, format_confidence, format_interval, format_value
 from nas_data.gap.showing.series import Series
 from nas_data.joint_units import HINGE
 from nas_data.reports.charts import make_axis, make_log_axis, make_motion_chart, make_spread
+from nas_data.reports.figures import FLOOR, compute_joint_errors, quartiles
 from nas_data.reports.page import Block, Chart, Facts, HtmlPage, HtmlTable, PageSection, Text
-from nas_data.reports.prediction_figures import FLOOR, compute_joint_errors, quartiles
 from nas_data.reports.run_sections import (
     make_learning_charts,
     make_models_chart,
@@ -27,13 +26,20 @@ from nas_data.reports.run_sections import (
 from nas_data.reports.runs import Runs, find_runs
 from nas_data.reports.style import choose_strokes
 from nas_data.runs.stages import StageResult, read_stage
-from nas_data.studies.demo.learning import ERRORS, FOLDERS, NAMES, ROLLOUTS, load_errors, load_rollouts
-from nas_data.studies.demo.naming import FOLDER as GAP
-from nas_data.studies.demo.naming import read_named_dynamics
+from nas_data.studies.demo.learning import (
+    BASELINES,
+    ERRORS,
+    FOLDERS,
+    NAMES,
+    ROLLOUTS,
+    load_baselines,
+    load_errors,
+    load_rollouts,
+)
+from nas_data.studies.demo.learning import FOLDER as POLICIES
 from nas_data.studies.demo.plan import Demo, DemoPlan
-from nas_data.studies.demo.policies import BASELINES, load_baselines
-from nas_data.studies.demo.policies import FOLDER as POLICIES
-from nas_data.studies.demo.recording import HELDOUT, TRAIN, find_newest
+from nas_data.studies.demo.recording import FOLDER as GAP
+from nas_data.studies.demo.recording import HELDOUT, TRAIN, find_newest, read_named_dynamics
 
 PAGE = "report.html"
 LEAD = (

@@ -1,55 +1,41 @@
-"""Settings of the demo."""
+"""Sizes and stages of the demo."""
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from importlib import import_module
+from pathlib import Path
 
 from nas_data import __version__
 from nas_data.envs.base import SOURCE, Task, find_task
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.models.presets import TrainingOptions, preset
 from nas_data.robots.base import find_robot
-from nas_data.runs.stages import Work
+from nas_data.runs.progress import Report
+from nas_data.runs.stages import Done, Stage, StageResult, Work, run_stages
 
 
 @dataclass(frozen=True)
 class DemoPlan:
-    """Sizes of the demo.
+    """Sizes of the demo."""
 
-    Attributes:
-        episodes: Number of training episodes.
-        heldout: Number of held-out episodes.
-        named: Number of recorded episodes for `nas gap`; 0 skips its search.
-        seconds: Length of each episode [s].
-        holds: Durations of random commands [s]; the episodes take them in turn. One second is the paper's protocol;
-            shorter ones resemble the exploration of a policy.
-        delta: Training of φ.
-        forward: Training of ψ.
-        frames: Control steps of each policy's training.
-        seeds: Seeds of the policies of each method.
-        judged: Evaluation episodes of each policy.
-        rollout: Control steps between two updates of a policy.
-        minibatches: Parts of a rollout, one gradient step each.
-        epochs: Passes over a rollout.
-        seed: Seed of the recordings; the held-out episodes take the next one.
-        environment: Name of the environment.
-        dynamics: Name of the environment's dynamics that is the target.
-    """
-
-    episodes: int
-    heldout: int
-    named: int
-    seconds: float
+    episodes: int  # number of training episodes
+    heldout: int  # number of held-out episodes
+    named: int  # number of recorded episodes for `nas gap`; 0 skips its search
+    seconds: float  # length of each episode [s]
+    # durations of random commands [s]; the episodes take them in turn. One second is the paper's protocol; shorter ones
+    # resemble the exploration of a policy.
     holds: tuple[float, ...]
-    delta: TrainingOptions
-    forward: TrainingOptions
-    frames: int
-    seeds: tuple[int, ...]
-    judged: int
-    rollout: int = 8192
-    minibatches: int = 32
-    epochs: int = 10
-    seed: int = 0
-    environment: str = "ErgoReacher"
-    dynamics: str = "backlash"
+    delta: TrainingOptions  # training of φ
+    forward: TrainingOptions  # training of ψ
+    frames: int  # control steps of each policy's training
+    seeds: tuple[int, ...]  # seeds of the policies of each method
+    judged: int  # evaluation episodes of each policy
+    rollout: int = 8192  # control steps between two updates of a policy
+    minibatches: int = 32  # parts of a rollout, one gradient step each
+    epochs: int = 10  # passes over a rollout
+    seed: int = 0  # seed of the recordings; the held-out episodes take the next one
+    environment: str = "ErgoReacher"  # name of the environment
+    dynamics: str = "backlash"  # name of the environment's dynamics that is the target
 
     @property
     def task(self) -> Task:
@@ -107,3 +93,63 @@ QUICK = DemoPlan(
     minibatches=4,
     epochs=2,
 )
+
+
+def import_lazily(module: str, function: str) -> Callable[[Demo], StageResult]:
+    """Return the function of a stage; its module, with heavy libraries, is imported when the stage runs."""
+
+    def run(demo: Demo) -> StageResult:
+        result: StageResult = getattr(import_module(f"nas_data.studies.demo.{module}"), function)(demo)
+        return result
+
+    return run
+
+
+STAGES = (
+    Stage(
+        "record",
+        "Record and pair",
+        "An arm of six servos (Poppy Ergo Jr) is moved to random targets and measured. It stands in for a real robot: "
+        "two of its joints have play and its servos have a speed limit, of which the plain simulator knows nothing. "
+        "That simulator is then set to every measured state and asked where the same command would lead.",
+        import_lazily("recording", "record_pairs"),
+        ("datasets",),
+    ),
+    Stage(
+        "names",
+        "Name what is missing",
+        "`nas gap` is given episodes of the recording and the plain simulator, and is not told what differs. It finds "
+        "where the two disagree, names the effects that the simulator lacks, and adds them to its model.",
+        import_lazily("recording", "name_effects"),
+        ("gap",),
+    ),
+    Stage(
+        "models",
+        "Learn the gap",
+        "Two networks learn from the pairs, side by side: φ corrects each step of the simulator, ψ predicts without a "
+        "simulator. Both are trained on their own rollouts. 'validation' is the error of such rollouts [rad]; "
+        "* marks the best so far, which is kept. Then both are compared with the simulator, and "
+        "with one that has the names, if any.",
+        import_lazily("learning", "learn_models"),
+        ("models",),
+    ),
+    Stage(
+        "policies",
+        "Learn policies",
+        "The task is to reach a point with the arm's tip. Policies learn it by PPO on the target (expert), in the "
+        "plain simulator (source), in the simulator corrected by φ (augmented), in ψ (forward) and, if there are "
+        "names, in the simulator with them (named). Then each is judged on the target.",
+        import_lazily("learning", "learn_policies"),
+        ("policies",),
+    ),
+    Stage("page", "Show", "Charts and tables go on one page.", import_lazily("page", "write_page"), ("report.html",)),
+)
+
+
+def run_demo(plan: DemoPlan, folder: Path, report: Report) -> dict[str, Done]:
+    """Run the unfinished stages in a folder that keeps the finished ones.
+
+    Raises:
+        OutputExists: the folder holds something else, or a demo of other sizes.
+    """
+    return run_stages(STAGES, Demo(plan, folder, report))

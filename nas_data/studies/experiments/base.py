@@ -17,31 +17,18 @@ FOLDER = "studies.experiments"
 
 @dataclass(frozen=True)
 class Request:
-    """Settings of an experiment.
+    """Settings of an experiment."""
 
-    Attributes:
-        environments: Names of the environments.
-        dynamics: Dynamics of the target, one of each environment's.
-        sizes: Sizes of datasets and trainings.
-        folder: Folder of results and artifacts; experiments with the same folder share artifacts.
-        report: Called with lines of progress.
-        methods: Methods to compare, if the experiment compares methods.
-        workers: Number of parallel processes.
-        purpose: Subfolder of the artifacts, one for each set of sizes.
-        whole: Sizes of the whole experiment, to distinguish files of parts of it; `sizes` if None.
-        engine: Physics engine of the target; the source always uses MuJoCo.
-    """
-
-    environments: tuple[str, ...]
-    dynamics: str
-    sizes: Sizes
-    folder: Path
-    report: Callable[[str], None]
-    methods: tuple[str, ...] = ()
-    workers: int = 1
-    purpose: str = "material"
-    whole: Sizes | None = None
-    engine: str = "mujoco"
+    environments: tuple[str, ...]  # names of the environments
+    dynamics: str  # dynamics of the target, one of each environment's
+    sizes: Sizes  # sizes of datasets and trainings
+    folder: Path  # folder of results and artifacts; experiments with the same folder share artifacts
+    report: Callable[[str], None]  # called with lines of progress
+    methods: tuple[str, ...] = ()  # methods to compare, if the experiment compares methods
+    workers: int = 1  # number of parallel processes
+    purpose: str = "material"  # subfolder of the artifacts, one for each set of sizes
+    whole: Sizes | None = None  # sizes of the whole experiment, to distinguish files of parts of it; `sizes` if None
+    engine: str = "mujoco"  # physics engine of the target; the source always uses MuJoCo
 
     @property
     def target(self) -> str:
@@ -71,19 +58,12 @@ class Request:
 
 @dataclass(frozen=True)
 class ResultTable:
-    """A table.
+    """A table."""
 
-    Attributes:
-        title: Title, with units.
-        headers: Column headings.
-        rows: Cells, row by row.
-        notes: Sentences below the table.
-    """
-
-    title: str
-    headers: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    notes: Sequence[str] = ()
+    title: str  # title, with units
+    headers: Sequence[str]  # column headings
+    rows: Sequence[Sequence[str]]  # cells, row by row
+    notes: Sequence[str] = ()  # sentences below the table
 
     def text(self) -> str:
         """Return the table as aligned text."""
@@ -96,38 +76,24 @@ class ResultTable:
 
 @dataclass(frozen=True)
 class ExperimentResult:
-    """Results of an experiment.
-
-    Attributes:
-        tables: Tables.
-        notes: Sentences below them.
-        data: Values for JSON.
-        pictures: PNG files by name suffix; the first one has the experiment's name.
-    """
+    """Results of an experiment."""
 
     tables: Sequence[ResultTable]
-    notes: Sequence[str]
-    data: Mapping[str, object]
+    notes: Sequence[str]  # sentences below them
+    data: Mapping[str, object]  # values for JSON
+    # PNG files by name suffix; the first one has the experiment's name
     pictures: Mapping[str, bytes] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """An experiment; the file `experiments/a.py` holds the experiment `a` as `EXPERIMENT`.
+    """An experiment; the file `experiments/a.py` holds the experiment `a` as `EXPERIMENT`."""
 
-    Attributes:
-        title: Title of a few words.
-        environments: The paper's environments.
-        run: Function that runs it.
-        several: Whether it supports several environments at a time.
-        methods: Available methods; if empty, those of figure 5.
-    """
-
-    title: str
-    environments: tuple[str, ...]
-    run: Callable[[Request], ExperimentResult]
-    several: bool = True
-    methods: tuple[str, ...] = ()
+    title: str  # title of a few words
+    environments: tuple[str, ...]  # the paper's environments
+    run: Callable[[Request], ExperimentResult]  # function that runs it
+    several: bool = True  # whether it supports several environments at a time
+    methods: tuple[str, ...] = ()  # available methods; if empty, those of figure 5
 
 
 def find_experiment(name: str) -> Experiment:

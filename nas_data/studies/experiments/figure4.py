@@ -3,8 +3,7 @@
 import numpy as np
 
 from nas_data.count_of import count_of
-from nas_data.reports.experiment_figures import warn
-from nas_data.reports.prediction_figures import draw_error_growth
+from nas_data.reports.figures import draw_error_growth, warn
 from nas_data.reports.style import to_png
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request, ResultTable
 from nas_data.studies.experiments.pipeline.sequence import DRAWN, Sequence, predict_heldout

@@ -2,7 +2,7 @@
 
 from nas_data.environment_ids import make_environment_name
 from nas_data.envs.base import find_task_file
-from nas_data.reports.experiment_figures import draw_returns_by_method
+from nas_data.reports.figures import draw_returns_by_method
 from nas_data.reports.style import to_png
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request
 from nas_data.studies.experiments.pipeline.authors import list_remarks

@@ -12,7 +12,7 @@ from nas_data.errors import OptionError
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Comparison
 from nas_data.policies.evaluate import summarise_spread
 from nas_data.policies.intervals import describe_interval, format_median
-from nas_data.reports.experiment_figures import draw_return_over_count
+from nas_data.reports.figures import draw_return_over_count
 from nas_data.reports.style import to_png
 from nas_data.runs.parallel import run_jobs
 from nas_data.runs.progress import format_duration
@@ -22,10 +22,9 @@ from nas_data.studies.experiments.base import Experiment, ExperimentResult, Requ
 from nas_data.studies.experiments.pipeline.artifacts import Artifacts
 from nas_data.studies.experiments.pipeline.authors import RETURN_BY_COUNT
 from nas_data.studies.experiments.pipeline.compare_methods import make_hyperparameters, make_study, run_study
-from nas_data.studies.experiments.pipeline.dynamics import describe_target
 from nas_data.studies.experiments.pipeline.sample_size import LEARNED, LEARNED_ON, CountJob, do_count
 from nas_data.studies.experiments.pipeline.stages import describe_stages
-from nas_data.studies.experiments.pipeline.table_notes import NAS, describe_intervals
+from nas_data.studies.experiments.pipeline.table_notes import NAS, describe_intervals, describe_target
 from nas_data.typed_json import to_json
 
 ENDS = (EXPERT_METHOD, SOURCE_METHOD)  # lower and upper reference of the curves

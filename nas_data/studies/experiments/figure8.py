@@ -4,13 +4,17 @@ from dataclasses import replace
 
 from nas_data.environment_ids import make_environment_name
 from nas_data.envs.base import find_task_file
-from nas_data.reports.experiment_figures import draw_returns_by_method
+from nas_data.reports.figures import draw_returns_by_method
 from nas_data.reports.style import to_png
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request
-from nas_data.studies.experiments.pipeline.artifacts import NAMES
+from nas_data.studies.experiments.pipeline.artifacts import METHODS, NAMES
 from nas_data.studies.experiments.pipeline.authors import list_remarks
-from nas_data.studies.experiments.pipeline.compare_methods import compare_methods, describe, make_panel, make_table
-from nas_data.studies.experiments.pipeline.methods import METHODS
+from nas_data.studies.experiments.pipeline.compare_methods import (
+    compare_methods,
+    describe,
+    make_panel,
+    make_table,
+)
 from nas_data.studies.experiments.pipeline.sequence import predict_heldout
 
 SKIPPED = "What `nas gap` names is left out: naming six joints takes longer than all the rest; --methods asks for it."

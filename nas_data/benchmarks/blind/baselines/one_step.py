@@ -4,9 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.benchmarks.blind.baselines.base import Claim, claim
-from nas_data.benchmarks.blind.recorded import RecordedCase
-from nas_data.benchmarks.blind.resimulate import Delivered, find_actuators
+from nas_data.benchmarks.blind.baselines.base import Claim, RecordedCase, claim
+from nas_data.benchmarks.blind.fresh import Delivered, find_actuators
 from nas_data.simulators.mujoco import MujocoSimulator
 
 LEAST = 0.02  # share of a residual's variance that a regressor must explain alone to be named

@@ -8,9 +8,8 @@ import mujoco.rollout
 import numpy as np
 from mujoco import minimize
 
-from nas_data.benchmarks.blind.baselines.base import Claim, claim
-from nas_data.benchmarks.blind.recorded import RecordedCase
-from nas_data.benchmarks.blind.resimulate import Delivered, find_actuators
+from nas_data.benchmarks.blind.baselines.base import Claim, RecordedCase, claim
+from nas_data.benchmarks.blind.fresh import Delivered, find_actuators
 from nas_data.simulators.layout import FULLPHYSICS, Layout
 from nas_data.simulators.rest_states import RestStates
 
@@ -31,19 +30,12 @@ PARAMETERS = {
 
 @dataclass(frozen=True)
 class SysidProblem:
-    """A model whose parameters are all free, and episodes to fit them to.
+    """A model whose parameters are all free, and episodes to fit them to."""
 
-    Attributes:
-        model: Compiled nominal model.
-        layout: Its measured joints.
-        recorded: What is fitted.
-        substeps: Physics steps per control period.
-    """
-
-    model: mujoco.MjModel
-    layout: Layout
-    recorded: RecordedCase
-    substeps: int
+    model: mujoco.MjModel  # compiled nominal model
+    layout: Layout  # its measured joints
+    recorded: RecordedCase  # what is fitted
+    substeps: int  # physics steps per control period
 
     def changed(self, logarithms: np.ndarray) -> mujoco.MjModel:
         """Return the model with each parameter times the exponential of its logarithm, shape (5 n,)."""

@@ -1,7 +1,8 @@
 """What a plant is: an arm with something hidden in it that plays commands and shows where its links are."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields
 from typing import TypeAlias
 
@@ -9,12 +10,12 @@ import numpy as np
 
 from nas_data import registry
 from nas_data.benchmarks.blind.arms import NominalArm
-from nas_data.benchmarks.blind.plants.body import PlantBody, stack_arms
+from nas_data.benchmarks.blind.case import Truth
 from nas_data.benchmarks.blind.plants.chain import Chain
 from nas_data.benchmarks.blind.plants.constants import Constants
-from nas_data.benchmarks.blind.plants.hiding import hide
+from nas_data.benchmarks.blind.plants.hiding import PlantBody, hide, stack_arms
+from nas_data.benchmarks.blind.plants.motion import REFRESH, Drive, PlantState
 from nas_data.benchmarks.blind.plants.vectors import cross
-from nas_data.benchmarks.blind.truth import Truth
 from nas_data.errors import UnknownName
 
 SUFFIX = "_plant"  # of the files that are plants
@@ -28,19 +29,17 @@ Feedback: TypeAlias = Callable[[int, np.ndarray], np.ndarray]
 Simulate: TypeAlias = Callable[
     [NominalArm, Sequence[Truth], np.ndarray, np.ndarray, float, Feedback | None], np.ndarray
 ]
-# the same of C arms alike
-SimulateAlike: TypeAlias = Callable[[list[PlantBody], np.ndarray, np.ndarray, float, Feedback | None], np.ndarray]
+# C arms alike, their stacked numbers, what they remember → while it is open, what moves them on by `REFRESH`
+OpenPhysics: TypeAlias = Callable[
+    [list[PlantBody], dict[str, np.ndarray], PlantState], AbstractContextManager[Callable[[], None]]
+]
 
 
 @dataclass(frozen=True)
 class Play:
-    """Plays the same episodes on an arm under each of several truths.
+    """Plays the same episodes on an arm under each of several truths."""
 
-    Attributes:
-        simulate: Simulates episodes from given states.
-    """
-
-    simulate: Simulate
+    simulate: Simulate  # simulates episodes from given states
 
     def __call__(
         self,
@@ -92,10 +91,10 @@ def find_plant(name: str) -> Play:
     return play
 
 
-def make_grouped_simulation(simulate: SimulateAlike) -> Simulate:
-    """Return a simulation under any truths from one of arms that are alike."""
+def make_simulation(open_physics: OpenPhysics) -> Simulate:
+    """Return a simulation of drives and links; arms with equally many links are simulated together."""
 
-    def every(
+    def simulate(
         arm: NominalArm,
         truths: Sequence[Truth],
         commands: np.ndarray,
@@ -103,22 +102,43 @@ def make_grouped_simulation(simulate: SimulateAlike) -> Simulate:
         period: float,
         feedback: Feedback | None,
     ) -> np.ndarray:
-        episodes, steps, n = commands.shape
-        result = np.empty((len(truths), episodes, steps + 1, 2 * n))
-        for rows, bodies in group_by_links(arm, truths):
-            result[rows] = simulate(bodies, commands, starts, period, feedback)
+        constants = Constants.of(arm.model())
+        bodies = [hide(constants, truth) for truth in truths]
+        result = np.empty((len(truths), len(commands), commands.shape[1] + 1, starts.shape[1]))
+        for links in sorted({len(body.masses) for body in bodies}):
+            rows = [row for row, body in enumerate(bodies) if len(body.masses) == links]
+            alike = [bodies[row] for row in rows]
+            result[rows] = simulate_alike(open_physics, alike, commands, starts, period, feedback)
         return result
 
-    return every
+    return simulate
 
 
-def group_by_links(arm: NominalArm, truths: Sequence[Truth]) -> Iterator[tuple[list[int], list[PlantBody]]]:
-    """Group truths whose arms have equally many links, so that each group can be stacked."""
-    constants = Constants.of(arm.model())
-    bodies = [hide(constants, truth) for truth in truths]
-    for links in sorted({len(body.masses) for body in bodies}):
-        rows = [row for row, body in enumerate(bodies) if len(body.masses) == links]
-        yield rows, [bodies[row] for row in rows]
+def simulate_alike(
+    open_physics: OpenPhysics,
+    bodies: list[PlantBody],
+    commands: np.ndarray,
+    starts: np.ndarray,
+    period: float,
+    feedback: Feedback | None,
+) -> np.ndarray:
+    """Return states (C, E, T + 1, 2n) of C arms alike under commands (E, T, n) from states (E, 2n)."""
+    episodes, steps, n = commands.shape
+    numbers = stack_arms(bodies, episodes)
+    # C arms times E episodes, an arm's episodes side by side
+    first = np.concatenate([compute_start_states(body, starts) for body in bodies])
+    told = np.tile(pad_commands(bodies[0], commands), (len(bodies), 1, 1))
+    state = PlantState(Drive.of(numbers), told, period, first)
+    measured = np.empty((len(first), steps + 1, 2 * n))
+    measured[:, 0] = state.measure(n)
+    with open_physics(bodies, numbers, state) as move:
+        for step in range(steps):
+            if feedback is not None:
+                state.tell(step, pad_commands(bodies[0], feedback(step, measured[:, step])[:, None])[:, 0])
+            for _ in range(round(period / REFRESH)):
+                move()
+            measured[:, step + 1] = state.measure(n)
+    return measured.reshape(len(bodies), episodes, steps + 1, 2 * n)
 
 
 def compute_start_states(body: PlantBody, starts: np.ndarray) -> np.ndarray:

@@ -1,67 +1,47 @@
 """A plant in PyBullet: its dynamics and integration, with our servos, friction and transmissions."""
 
 import tempfile
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
 
-from nas_data.benchmarks.blind.plants.base import (
-    Feedback,
-    Play,
-    compute_start_states,
-    make_grouped_simulation,
-    pad_commands,
-)
-from nas_data.benchmarks.blind.plants.body import PlantBody, stack_arms
-from nas_data.benchmarks.blind.plants.motion import PlantState
-from nas_data.benchmarks.blind.plants.servo_model import LEAD, REFRESH, Drive
+from nas_data.benchmarks.blind.plants.base import Play, make_simulation
+from nas_data.benchmarks.blind.plants.hiding import PlantBody
+from nas_data.benchmarks.blind.plants.motion import LEAD, REFRESH, PlantState
 from nas_data.simulators.bullet_world import import_pybullet, silence
 
 UNBOUNDED = 1e5  # [rad/s] PyBullet's own bound, 100 rad/s, is no physics
 
 
-def simulate(
-    bodies: list[PlantBody], commands: np.ndarray, starts: np.ndarray, period: float, feedback: Feedback | None
-) -> np.ndarray:
-    """Return states (C, E, T + 1, 2n) of C similar arms under commands (E, T, n) from states (E, 2n)."""
-    episodes, steps, n = commands.shape
-    first = np.concatenate([compute_start_states(body, starts) for body in bodies])
-    drive = Drive.of(stack_arms(bodies, episodes))
-    motion = PlantState(drive, np.tile(pad_commands(bodies[0], commands), (len(bodies), 1, 1)), period, first)
-    at = np.split(np.concatenate([motion.q, motion.v], axis=1), len(bodies))
-    measured = np.empty((len(motion.q), steps + 1, 2 * n))
-    measured[:, 0] = motion.state(n)
-    with ExitStack() as open_worlds:
-        worlds = [open_worlds.enter_context(BulletArms(body, rows)) for body, rows in zip(bodies, at, strict=True)]
-        for step in range(steps):
-            if feedback is not None:
-                motion.tell(step, pad_commands(bodies[0], feedback(step, measured[:, step])[:, None])[:, 0])
-            for _ in range(round(period / REFRESH)):
-                move(motion, worlds, episodes)
-            measured[:, step + 1] = motion.state(n)
-    return measured.reshape(len(bodies), episodes, steps + 1, 2 * n)
+@contextmanager
+def open_worlds(
+    bodies: list[PlantBody], numbers: dict[str, np.ndarray], state: PlantState
+) -> Iterator[Callable[[], None]]:
+    """Yield what moves all arms on by `REFRESH`; see `OpenPhysics`."""
+    at = np.split(np.concatenate([state.q, state.v], axis=1), len(bodies))
+    with ExitStack() as stack:
+        worlds = [stack.enter_context(BulletArms(body, rows)) for body, rows in zip(bodies, at, strict=True)]
+        yield lambda: move(state, worlds)
 
 
-play = Play(make_grouped_simulation(simulate))
+play = Play(make_simulation(open_worlds))
 
 
-def move(motion: PlantState, worlds: "list[BulletArms]", episodes: int) -> None:
-    """Step by `REFRESH`: the drives in small steps, then each world once with their mean torques."""
-    rows = [slice(first, first + episodes) for first in range(0, len(motion.q), episodes)]
+def move(state: PlantState, worlds: "list[BulletArms]") -> None:
+    """Move on by `REFRESH`: the drives in small steps, then each world once with their mean torques."""
     mass, bias = concatenate_pairs([world.dynamics(world.v) for world in worlds])
-    before, (_, middle) = motion.v, motion.middle()
-    if motion.drive.motors:
-        motion.advance(
-            *concatenate_pairs([world.dynamics(middle[part]) for world, part in zip(worlds, rows, strict=True)])
-        )
+    before, (_, middle) = state.v, state.middle()
+    if state.drive.motors:
+        speeds = np.split(middle, len(worlds))
+        state.advance(*concatenate_pairs([world.dynamics(part) for world, part in zip(worlds, speeds, strict=True)]))
     else:
-        motion.advance(mass, bias)
+        state.advance(mass, bias)
     # mean torque of the drives on the links, without that on their rotors, which PyBullet does not have
-    torques = (mass @ ((motion.v - before) / REFRESH)[..., None])[..., 0] + bias
-    motion.q, motion.v = concatenate_pairs(
-        [world.step(torques[part]) for world, part in zip(worlds, rows, strict=True)]
-    )
+    torques = (mass @ ((state.v - before) / REFRESH)[..., None])[..., 0] + bias
+    parts = np.split(torques, len(worlds))
+    state.q, state.v = concatenate_pairs([world.step(part) for world, part in zip(worlds, parts, strict=True)])
 
 
 def concatenate_pairs(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:

@@ -4,7 +4,7 @@ from functools import cached_property
 
 import numpy as np
 
-from nas_data.benchmarks.blind.plants.numbers import Links
+from nas_data.benchmarks.blind.plants.constants import Links
 from nas_data.benchmarks.blind.plants.vectors import cross, from_here_on, skew
 
 
@@ -40,11 +40,7 @@ class Chain(Links):
         return rotations, places
 
     def dynamics(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return M(q) and the bias torques (gravity and velocity products): M · dv/dt + bias = torque.
-
-        Args:
-            q: Angles [rad], shape (B, n).
-            v: Speeds [rad/s], shape (B, n).
+        """Return M(q) and bias torques for angles [rad] and speeds [rad/s], (B, n) each: M · dv/dt + bias = torque.
 
         Returns:
             Mass matrices [kg m²], shape (B, n, n), and bias torques [N m], shape (B, n).

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 
 from nas_data.benchmarks.blind.arms import NominalArm
+from nas_data.benchmarks.blind.case import Base, Truth
 from nas_data.benchmarks.blind.plants.base import Feedback, Play
-from nas_data.benchmarks.blind.truth import Base, Truth
 from nas_data.effects.base import make_effect
 from nas_data.robots.base import Robot
 from nas_data.simulators.mujoco import MujocoSimulator

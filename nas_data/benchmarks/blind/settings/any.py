@@ -3,9 +3,8 @@
 import numpy as np
 
 from nas_data.benchmarks.blind.arms import NominalArm
-from nas_data.benchmarks.blind.case import Identity
+from nas_data.benchmarks.blind.case import Conditions, Identity, Sensor
 from nas_data.benchmarks.blind.catalogue import INSIDE, OUTSIDE, EffectDraw, Rng, Span, Values, draw_payload_mass
-from nas_data.benchmarks.blind.conditions import Conditions, Sensor
 from nas_data.benchmarks.blind.designs import draw_design
 from nas_data.benchmarks.blind.motions import SIGNALS, draw_motions
 from nas_data.benchmarks.blind.plants.constants import Constants

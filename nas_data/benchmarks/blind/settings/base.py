@@ -7,10 +7,8 @@ import numpy as np
 
 from nas_data import registry
 from nas_data.benchmarks.blind.arms import NominalArm
-from nas_data.benchmarks.blind.case import Identity
+from nas_data.benchmarks.blind.case import Conditions, Hidden, Identity
 from nas_data.benchmarks.blind.catalogue import EffectDraw
-from nas_data.benchmarks.blind.conditions import Conditions
-from nas_data.benchmarks.blind.truth import Hidden
 
 # conditions, number of episodes, range of each command (n, 2) [rad] → commands (E, T, n), poses held before (E, n);
 # where a controller follows references with torques, these, of whole motions, from positions in that range
@@ -19,28 +17,17 @@ Episodes = Callable[[Conditions, int, np.ndarray, np.random.Generator], tuple[np
 
 @dataclass(frozen=True)
 class CaseSetting:
-    """A sort of cases; the file `settings/xl320.py` holds the setting `xl320` as `SETTING`.
+    """A sort of cases; the file `settings/xl320.py` holds the setting `xl320` as `SETTING`."""
 
-    Attributes:
-        draw: Draws a case's nominal arm and its conditions.
-        episodes: Draws commands, rounded to single precision as stored.
-        inside: What of the contract's table may hide.
-        outside: What else may hide.
-        least: Multiples of the noise floor from which an effect is judged.
-        most: Multiples beyond which an effect is drawn again: nobody needs a search for those.
-        rounds: Draws before a case is given up.
-        screen: Plant on which sizes are tried first, a fast one for cases of this sort.
-        given: Draws what hides in every case, whatever its family, for it is what the setting is about.
-    """
-
-    draw: Callable[[Identity], tuple[NominalArm, Conditions]]
-    episodes: Episodes
-    inside: Mapping[str, EffectDraw]
-    outside: Mapping[str, EffectDraw]
-    least: float
-    most: float
-    rounds: int
-    screen: str = "numpy"
+    draw: Callable[[Identity], tuple[NominalArm, Conditions]]  # draws a case's nominal arm and its conditions
+    episodes: Episodes  # draws commands, rounded to single precision as stored
+    inside: Mapping[str, EffectDraw]  # what of the contract's table may hide
+    outside: Mapping[str, EffectDraw]  # what else may hide
+    least: float  # multiples of the noise floor from which an effect is judged
+    most: float  # multiples beyond which an effect is drawn again: nobody needs a search for those
+    rounds: int  # draws before a case is given up
+    screen: str = "numpy"  # plant on which sizes are tried first, a fast one for cases of this sort
+    # draws what hides in every case, whatever its family, for it is what the setting is about
     given: Callable[[Identity, NominalArm], tuple[Hidden, ...]] = lambda identity, arm: ()
 
 

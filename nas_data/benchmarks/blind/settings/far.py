@@ -3,11 +3,9 @@
 from dataclasses import replace
 
 from nas_data.benchmarks.blind.arms import NominalArm
-from nas_data.benchmarks.blind.case import Identity
-from nas_data.benchmarks.blind.conditions import Conditions
+from nas_data.benchmarks.blind.case import Conditions, Hidden, Identity
 from nas_data.benchmarks.blind.designs import draw_design, draw_log_uniform
 from nas_data.benchmarks.blind.settings import any as any_setting
-from nas_data.benchmarks.blind.truth import Hidden
 
 EXCESS = (3.0, 50.0)  # the model's gain over the true one: such gains are made up to hold still
 EFFECT = "servo_stiffness"

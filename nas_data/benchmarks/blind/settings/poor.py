@@ -3,8 +3,7 @@
 from dataclasses import replace
 
 from nas_data.benchmarks.blind.arms import NominalArm
-from nas_data.benchmarks.blind.case import Identity
-from nas_data.benchmarks.blind.conditions import Conditions
+from nas_data.benchmarks.blind.case import Conditions, Identity
 from nas_data.benchmarks.blind.designs import draw_design
 from nas_data.benchmarks.blind.motions import MIXTURE, SIGNALS
 from nas_data.benchmarks.blind.settings import any as any_setting

@@ -3,10 +3,9 @@
 import numpy as np
 
 from nas_data.benchmarks.blind.arms import NominalArm, draw_random_arm
-from nas_data.benchmarks.blind.case import Identity
+from nas_data.benchmarks.blind.case import Conditions, Identity
 from nas_data.benchmarks.blind.catalogue import INSIDE, OUTSIDE
-from nas_data.benchmarks.blind.conditions import Conditions
-from nas_data.benchmarks.blind.excitation import draw_episodes
+from nas_data.benchmarks.blind.motions import draw_episodes
 from nas_data.benchmarks.blind.plants.base import SETTLE
 from nas_data.benchmarks.blind.settings.base import CaseSetting
 from nas_data.benchmarks.blind.settings.xl320 import SENSOR

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from nas_data.benchmarks.blind.arms import NominalArm
-from nas_data.benchmarks.blind.case import Identity
+from nas_data.benchmarks.blind.case import Conditions, Identity, Sensor
 from nas_data.benchmarks.blind.catalogue import (
     EffectDraw,
     Rng,
@@ -15,10 +15,8 @@ from nas_data.benchmarks.blind.catalogue import (
     read_armature,
     read_torque_limits,
 )
-from nas_data.benchmarks.blind.conditions import Conditions, Sensor
 from nas_data.benchmarks.blind.designs import draw_log_uniform
-from nas_data.benchmarks.blind.following import draw_references, find_reach
-from nas_data.benchmarks.blind.machines import USUAL, draw_machine
+from nas_data.benchmarks.blind.machines import USUAL, draw_machine, draw_references, find_reach
 from nas_data.benchmarks.blind.plants.constants import Constants
 from nas_data.benchmarks.blind.settings.base import CaseSetting
 

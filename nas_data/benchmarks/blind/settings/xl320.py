@@ -3,13 +3,13 @@
 import numpy as np
 
 from nas_data.benchmarks.blind.arms import NominalArm, draw_arm
-from nas_data.benchmarks.blind.case import Identity
+from nas_data.benchmarks.blind.case import Conditions, Identity, Sensor
 from nas_data.benchmarks.blind.catalogue import INSIDE, OUTSIDE
-from nas_data.benchmarks.blind.conditions import Conditions, Sensor
-from nas_data.benchmarks.blind.excitation import SIGNALS, draw_episodes
+from nas_data.benchmarks.blind.motions import draw_episodes
 from nas_data.benchmarks.blind.plants.base import SETTLE
 from nas_data.benchmarks.blind.settings.base import CaseSetting
 
+SIGNALS = ("steps", "mixed")
 RATE = 100.0  # [Hz]
 EPISODES, FRESH = 20, 10
 SECONDS = 3.0

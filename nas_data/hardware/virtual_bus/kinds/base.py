@@ -9,8 +9,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from nas_data import registry
-from nas_data.hardware.virtual_bus.packet import ALERT, Error, Instruction
-from nas_data.hardware.virtual_bus.protocols import PROTOCOL_2, PacketProtocol
+from nas_data.hardware.virtual_bus.packet import ALERT, PROTOCOL_2, Error, Instruction, PacketProtocol
 from nas_data.hardware.xl320.control_table import ControlTableEntry
 
 if TYPE_CHECKING:
@@ -33,44 +32,26 @@ class Reason(IntFlag):
 
 @dataclass(frozen=True)
 class ServoDrive:
-    """Drive state of a servo, from its registers.
+    """Drive state of a servo, from its registers."""
 
-    Attributes:
-        powered: Whether its torque is on.
-        goal: Goal position [counts].
-        speed: Speed limit [rad/s]; infinite for none.
-        acceleration: Acceleration limit [rad/s²]; infinite for none.
-        stiffness: Gain relative to the model's.
-        strength: Torque limit as a share of the largest torque.
-        deadband: Position error that it ignores [rad].
-    """
-
-    powered: bool
-    goal: int
-    speed: float = math.inf
-    acceleration: float = math.inf
-    stiffness: float = 1.0
-    strength: float = 1.0
-    deadband: float = 0.0
+    powered: bool  # whether its torque is on
+    goal: int  # goal position [counts]
+    speed: float = math.inf  # speed limit [rad/s]; infinite for none
+    acceleration: float = math.inf  # acceleration limit [rad/s²]; infinite for none
+    stiffness: float = 1.0  # gain relative to the model's
+    strength: float = 1.0  # torque limit as a share of the largest torque
+    deadband: float = 0.0  # position error that it ignores [rad]
 
 
 @dataclass(frozen=True)
 class ServoMeasurements:
-    """Measurements of a servo.
+    """Measurements of a servo."""
 
-    Attributes:
-        position: Encoder position [counts].
-        speed: Speed [rad/s], positive for rising counts.
-        effort: Share of its largest torque, with the same sign convention.
-        voltage: [V].
-        temperature: [°C].
-    """
-
-    position: int
-    speed: float
-    effort: float
-    voltage: float
-    temperature: float
+    position: int  # encoder position [counts]
+    speed: float  # speed [rad/s], positive for rising counts
+    effort: float  # share of its largest torque, with the same sign convention
+    voltage: float  # [V]
+    temperature: float  # [°C]
 
     @property
     def degrees_celsius(self) -> int:
@@ -80,21 +61,13 @@ class ServoMeasurements:
 
 @dataclass(frozen=True)
 class Bounds:
-    """Operating limits of a servo.
+    """Operating limits of a servo."""
 
-    Attributes:
-        lowest: Lowest voltage [V].
-        highest: Highest voltage [V].
-        hottest: Highest temperature [°C].
-        strain: Share of its largest torque that counts as stalled.
-        seconds: Duration of a stall after which it shuts down [s].
-    """
-
-    lowest: float
-    highest: float
-    hottest: float
-    strain: float
-    seconds: float
+    lowest: float  # lowest voltage [V]
+    highest: float  # highest voltage [V]
+    hottest: float  # highest temperature [°C]
+    strain: float  # share of its largest torque that counts as stalled
+    seconds: float  # duration of a stall after which it shuts down [s]
 
 
 class ServoSeries(ABC):
@@ -102,28 +75,17 @@ class ServoSeries(ABC):
 
     Every table has the registers id, model_number, torque_enable, return_delay, status_level, baud_rate,
     goal_position, registered, moving and hardware_error.
-
-    Attributes:
-        registers: The control table by name.
-        tick: Angle of a unit of position [rad].
-        supply: Usual voltage [V].
-        stall_current: Stall current at that voltage [A].
-        stall_torque: Stall torque at that voltage [N m].
-        baud: Baud rate [bit/s] by register value.
-        bits: Bit of each reason in the registers hardware_error and shutdown.
-        unloads: Register that a shutdown sets to zero; None if there is none.
-        protocol: Packet protocol.
     """
 
-    registers: Mapping[str, ControlTableEntry]
-    tick: float
-    supply: float
-    stall_current: float
-    stall_torque: float
-    baud: Mapping[int, int]
-    bits: Mapping[Reason, int]
-    unloads: str | None = None
-    protocol: PacketProtocol = PROTOCOL_2
+    registers: Mapping[str, ControlTableEntry]  # the control table by name
+    tick: float  # angle of a unit of position [rad]
+    supply: float  # usual voltage [V]
+    stall_current: float  # stall current at that voltage [A]
+    stall_torque: float  # stall torque at that voltage [N m]
+    baud: Mapping[int, int]  # baud rate [bit/s] by register value
+    bits: Mapping[Reason, int]  # bit of each reason in the registers hardware_error and shutdown
+    unloads: str | None = None  # register that a shutdown sets to zero; None if there is none
+    protocol: PacketProtocol = PROTOCOL_2  # packet protocol
 
     @cached_property
     def size(self) -> int:

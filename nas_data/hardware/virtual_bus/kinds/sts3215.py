@@ -8,6 +8,7 @@ acceleration is simulated as unlimited; the other two have no effect.
 import math
 from typing import TYPE_CHECKING
 
+from nas_data.hardware.virtual_bus.feetech_packet import FEETECH
 from nas_data.hardware.virtual_bus.kinds.base import (
     STILL,
     VOLT,
@@ -19,7 +20,6 @@ from nas_data.hardware.virtual_bus.kinds.base import (
     make_register,
 )
 from nas_data.hardware.virtual_bus.packet import Error, Instruction
-from nas_data.hardware.virtual_bus.protocols import FEETECH
 from nas_data.hardware.xl320.control_table import ControlTableEntry
 
 if TYPE_CHECKING:

@@ -2,8 +2,9 @@
 
 import logging
 import os
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable
 from concurrent.futures import Executor, Future
+from functools import partial
 from pathlib import Path
 from typing import TypeVar, cast
 
@@ -14,26 +15,12 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 
-def run(
-    function: Callable[[Job], Result],
-    jobs: Sequence[Job],
-    workers: int,
-    after: Mapping[int, Collection[int]] | None = None,
-) -> Iterator[tuple[int, Result]]:
-    """Run jobs on the cluster, `workers` at a time; see `Executor`.
+class RayPool(Executor):
+    """Ray behind Python's interface of executors.
 
     Every machine of the cluster needs this package, and the working directory with its datasets and results at the
     same path (a shared file system).
-
-    Raises:
-        MissingPackage: Ray is not installed.
-        WorkerLost: a machine of the cluster was lost, or lacks the working directory.
     """
-    return run_jobs(function, jobs, workers, after, RayPool)
-
-
-class RayPool(Executor):
-    """Ray behind Python's interface of executors."""
 
     def __init__(self, workers: int) -> None:
         """Join the cluster, or begin one of `workers` cores on this machine.
@@ -64,6 +51,9 @@ class RayPool(Executor):
         """Leave the cluster; one that was begun here ends, and with it what still runs."""
         if self._began:
             self._ray.shutdown()
+
+
+run = partial(run_jobs, pool=RayPool)
 
 
 def run_in(function: Callable[[Job], Result], job: Job, folder: str) -> Result:

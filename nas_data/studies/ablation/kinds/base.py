@@ -7,35 +7,30 @@ from typing import TYPE_CHECKING
 
 from nas_data import registry
 from nas_data.dataset.dataset import Dataset
-from nas_data.models.lstm import DynamicsModel
+from nas_data.models.lstm import DynamicsModel, Kind
 from nas_data.models.presets import TrainingOptions
+from nas_data.models.run import TrainingRun
+from nas_data.models.training import ModelTraining
+from nas_data.runs.progress import silence
+from nas_data.simulators.base import Simulator
 from nas_data.sources import SourceModel
 
 if TYPE_CHECKING:
-    from nas_data.studies.ablation.naming import NamedSource  # what only trains does not depend on the search
+    from nas_data.studies.ablation.kinds.named import NamedSource  # what only trains does not depend on the search
 
 FOLDER = "studies.ablation.kinds"
 
 
 @dataclass(frozen=True)
 class TrainingInput:
-    """Input of a kind.
+    """Input of a kind."""
 
-    Attributes:
-        data: Transitions of the subset.
-        root: Folder of their dataset, for names and error messages.
-        source: Plain source; None if there is none.
-        effects: A gap report's folder, or its effects.json, to use instead of naming.
-        options: Options of the training, seed included.
-        folder: Empty folder for working files.
-    """
-
-    data: Dataset
-    root: Path
-    source: SourceModel | None
-    effects: Path | None
-    options: TrainingOptions
-    folder: Path
+    data: Dataset  # transitions of the subset
+    root: Path  # folder of their dataset, for names and error messages
+    source: SourceModel | None  # plain source; None if there is none
+    effects: Path | None  # a gap report's folder, or its effects.json, to use instead of naming
+    options: TrainingOptions  # options of the training, seed included
+    folder: Path  # empty folder for working files
 
     @property
     def plain(self) -> SourceModel:
@@ -46,38 +41,23 @@ class TrainingInput:
 
 @dataclass(frozen=True)
 class TrainedPredictor:
-    """A predictor.
+    """A predictor."""
 
-    Attributes:
-        model: φ or ψ; None if the source predicts alone.
-        source: Its source; None for ψ.
-        named: Named effects, if any.
-    """
-
-    model: DynamicsModel | None
-    source: SourceModel | None
-    named: "NamedSource | None" = None
+    model: DynamicsModel | None  # φ or ψ; None if the source predicts alone
+    source: SourceModel | None  # its source; None for ψ
+    named: "NamedSource | None" = None  # named effects, if any
 
 
 @dataclass(frozen=True)
 class ModelKind:
-    """A kind; the file `ablation/kinds/a_b.py` holds the kind `a_b` as `KIND`.
+    """A kind; the file `ablation/kinds/a_b.py` holds the kind `a_b` as `KIND`."""
 
-    Attributes:
-        label: Its name in tables and figures.
-        learn: Function that returns a predictor for a lesson.
-        trains: Whether it trains a network, so that training options matter.
-        needs_source: Whether it needs a source.
-        needs_pairs: Whether it needs the source's prediction for each transition in the dataset.
-        names: Whether it names effects.
-    """
-
-    label: str
-    learn: Callable[[TrainingInput], TrainedPredictor]
-    trains: bool = True
-    needs_source: bool = False
-    needs_pairs: bool = False
-    names: bool = False
+    label: str  # its name in tables and figures
+    learn: Callable[[TrainingInput], TrainedPredictor]  # function that returns a predictor for a lesson
+    trains: bool = True  # whether it trains a network, so that training options matter
+    needs_source: bool = False  # whether it needs a source
+    needs_pairs: bool = False  # whether it needs the source's prediction for each transition in the dataset
+    names: bool = False  # whether it names effects
 
 
 def find_kind(name: str) -> ModelKind:
@@ -87,3 +67,22 @@ def find_kind(name: str) -> ModelKind:
         UnknownName: there is no such kind; lists those there are.
     """
     return registry.find_value(FOLDER, name, "kind", ModelKind)
+
+
+def train(
+    kind: Kind, data: Dataset, simulator: Simulator | None, options: TrainingOptions, folder: Path
+) -> DynamicsModel:
+    """Train φ or ψ; normalisation, shortcut and early stopping use these transitions alone.
+
+    Args:
+        kind: `delta` for φ, `forward` for ψ.
+        data: Transitions; paired with the simulator for φ.
+        simulator: Source, for φ.
+        options: Options of the training.
+        folder: Folder of checkpoint and history while it runs.
+
+    Raises:
+        DatasetInvalid: there is too little to train on.
+    """
+    training = ModelTraining(kind, data, options, simulator, device="cpu")
+    return TrainingRun(training, folder / "training", silence).run()

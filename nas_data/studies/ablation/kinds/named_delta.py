@@ -2,8 +2,7 @@
 
 from nas_data.pairing import pair
 from nas_data.studies.ablation.kinds import named
-from nas_data.studies.ablation.kinds.base import ModelKind, TrainedPredictor, TrainingInput
-from nas_data.studies.ablation.training import train
+from nas_data.studies.ablation.kinds.base import ModelKind, TrainedPredictor, TrainingInput, train
 
 
 def learn(lesson: TrainingInput) -> TrainedPredictor:

@@ -1,5 +1,6 @@
-"""Artifacts shared by all methods of an environment: recordings, φ, ψ and named effects; built once for all seeds."""
+"""Artifacts shared by all methods of an environment, built once for all seeds, and the methods that learn on them."""
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -8,9 +9,12 @@ from nas_data import __version__
 from nas_data.dataset import versions
 from nas_data.dataset.provenance import read_provenance
 from nas_data.envs.base import SOURCE, Task, find_task, find_task_file
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
+from nas_data.errors import UnknownName
 from nas_data.gap.named import Named
 from nas_data.gap.verdict import EXPLAINED
 from nas_data.models.presets import TrainingOptions
+from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD
 from nas_data.recorders.recipe import Recipe
 from nas_data.runs.stages import read_stage
 from nas_data.simulators.base import Simulator
@@ -22,21 +26,13 @@ TRAIN, HELDOUT, NAMED = "train", "heldout", "train_named"
 
 @dataclass(frozen=True)
 class MaterialPlan:
-    """Settings of the artifacts.
+    """Settings of the artifacts."""
 
-    Attributes:
-        recipe: Recording of the target.
-        heldout: Number of held-out episodes, recorded with the next seed.
-        delta: Training of φ.
-        forward: Training of ψ.
-        named: Number of recorded episodes for `nas gap`; all if None.
-    """
-
-    recipe: Recipe
-    heldout: int
-    delta: TrainingOptions
-    forward: TrainingOptions
-    named: int | None = None
+    recipe: Recipe  # recording of the target
+    heldout: int  # number of held-out episodes, recorded with the next seed
+    delta: TrainingOptions  # training of φ
+    forward: TrainingOptions  # training of ψ
+    named: int | None = None  # number of recorded episodes for `nas gap`; all if None
 
     @property
     def task(self) -> Task:
@@ -65,15 +61,10 @@ class MaterialPlan:
 
 @dataclass(frozen=True)
 class Artifacts:
-    """Artifacts in a folder.
+    """Artifacts in a folder."""
 
-    Attributes:
-        plan: Their settings.
-        folder: Their folder.
-    """
-
-    plan: MaterialPlan
-    folder: Path
+    plan: MaterialPlan  # their settings
+    folder: Path  # their folder
 
     @property
     def train(self) -> Path:
@@ -125,3 +116,56 @@ class Artifacts:
         """Return the held-out episodes that follow the paper's protocol."""
         kinds = replace(self.plan.recipe, episodes=self.plan.heldout).kinds()
         return [episode for episode, kind in enumerate(kinds) if kind == kinds[0]]
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method."""
+
+    learned_on: str  # description of its training dynamics, in a few words
+    plant: Callable[[Artifacts], DynamicsSpec]  # its training dynamics
+    needs: tuple[str, ...] = ()  # stages of the artifacts that it needs
+
+
+def make_target(material: Artifacts) -> DynamicsSpec:
+    """Return the target, on which every policy is evaluated."""
+    recipe = material.plan.recipe
+    return DynamicsSpec(recipe.environment, recipe.dynamics, engine=recipe.engine)
+
+
+def add_to_source(
+    material: Artifacts, checkpoint: str | None = None, effects: str | None = None, randomised: bool = False
+) -> DynamicsSpec:
+    """Return the source with something added."""
+    plan = material.plan
+    return DynamicsSpec(plan.recipe.environment, plan.source, checkpoint, effects, randomised=randomised)
+
+
+def make_named_nas(material: Artifacts) -> DynamicsSpec:
+    """Return the source with named effects and φ; one of them alone if the other is empty."""
+    if material.named is None:
+        return add_to_source(material, material.phi)
+    return add_to_source(material, None if material.explained else material.phi_named, material.named)
+
+
+METHODS: Mapping[str, Method] = {
+    EXPERT_METHOD: Method("the target itself", make_target),
+    SOURCE_METHOD: Method("the source", add_to_source),
+    "forward": Method("ψ, with the real reward", lambda m: add_to_source(m, m.psi), (PSI,)),
+    "nas": Method("source + φ", lambda m: add_to_source(m, m.phi), (PHI,)),
+    "named": Method("source + named effects", lambda m: add_to_source(m, effects=m.named), (NAMES,)),
+    "named_nas": Method("source + named effects + φ", make_named_nas, (PHI, NAMES, PHI_NAMED)),
+    "randomised": Method("source, randomised", lambda m: add_to_source(m, randomised=True)),
+}
+
+
+def check_methods(names: Sequence[str], known: Sequence[str]) -> None:
+    """Raise UnknownName if a method does not exist or does not belong to the experiment."""
+    for name in names:
+        if name not in (known or METHODS):
+            raise UnknownName("method", name, known or METHODS)
+
+
+def list_needed_stages(names: Sequence[str]) -> set[str]:
+    """Return the stages that methods need, without their dependencies."""
+    return set[str]().union(*(METHODS[name].needs for name in names))

@@ -18,15 +18,10 @@ TABLE = "paper, appendix D, table 1: squared differences of angles in units of 9
 
 @dataclass(frozen=True)
 class Numbers:
-    """What the authors found.
+    """What the authors found."""
 
-    Attributes:
-        values: One a policy, or what `unit` says.
-        source: Where they are published.
-    """
-
-    values: tuple[float, ...]
-    source: str
+    values: tuple[float, ...]  # one a policy, or what `unit` says
+    source: str  # where they are published
 
     @property
     def mean(self) -> float:

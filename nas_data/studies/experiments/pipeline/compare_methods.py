@@ -1,4 +1,4 @@
-"""Comparison of methods on one environment: policies of every method and seed, evaluated on the target."""
+"""The methods of figure 5, and policies of each compared on the target."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -6,21 +6,17 @@ from dataclasses import asdict
 import numpy as np
 
 from nas_data.envs.base import find_task_file
-from nas_data.policies.compare import Comparison, Study, compare
-from nas_data.policies.hyperparameters import Hyperparameters
-from nas_data.policies.intervals import compute_median_interval, describe_interval, format_median
-from nas_data.policies.share import format_share_heading
-from nas_data.policies.training_progress import report_training_progress
-from nas_data.reports.experiment_figures import Panel
+from nas_data.policies.compare import Comparison, Study, compare, report_training_progress
+from nas_data.policies.intervals import compute_median_interval, describe_interval, format_median, format_share_heading
+from nas_data.policies.policy import Hyperparameters
+from nas_data.reports.figures import Panel
 from nas_data.runs.stages import INDENT
 from nas_data.studies.experiments.base import Request, ResultTable
-from nas_data.studies.experiments.pipeline.artifacts import Artifacts
+from nas_data.studies.experiments.pipeline.artifacts import METHODS, Artifacts, list_needed_stages, make_target
 from nas_data.studies.experiments.pipeline.authors import RETURNS
-from nas_data.studies.experiments.pipeline.dynamics import describe_target
-from nas_data.studies.experiments.pipeline.methods import METHODS, list_needed_stages, make_target
 from nas_data.studies.experiments.pipeline.sizes import Sizes
 from nas_data.studies.experiments.pipeline.stages import describe_stages
-from nas_data.studies.experiments.pipeline.table_notes import describe_paired, list_notes
+from nas_data.studies.experiments.pipeline.table_notes import describe_paired, describe_target, list_notes
 from nas_data.typed_json import to_json
 
 

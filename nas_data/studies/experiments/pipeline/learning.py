@@ -1,22 +1,25 @@
-"""Resumable training of φ and ψ on a paired dataset in a folder."""
+"""Training of φ and ψ on recorded pairs, and their comparison with the baselines on the same episodes."""
 
 import json
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from nas_data.atomic_file import write_atomic
 from nas_data.dataset import versions
 from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
+from nas_data.models import checkpoint
+from nas_data.models.evaluation import MODEL, Evaluation, evaluate
 from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.run import CHECKPOINT, HISTORY, STATE, TrainingRun
 from nas_data.models.training import ModelTraining
 from nas_data.runs.code_hash import hash_code
+from nas_data.simulators.base import Simulator
 from nas_data.sources import locate_source, read_kept_files
 
 TRAINED_BY = "nas_data.models.run"
@@ -24,21 +27,13 @@ TRAINED_BY = "nas_data.models.run"
 
 @dataclass(frozen=True)
 class ModelJob:
-    """One model to be trained.
+    """One model to be trained."""
 
-    Attributes:
-        kind: `delta` for φ, `forward` for ψ.
-        dataset: Folder of the pairs, with their source.
-        options: Of the training.
-        folder: Output folder; a file of the same name beside it records the identity of the training.
-        threads: Simulation threads of the source; None for all cores.
-    """
-
-    kind: Kind
-    dataset: Path
-    options: TrainingOptions
-    folder: Path
-    threads: int | None = None
+    kind: Kind  # `delta` for φ, `forward` for ψ
+    dataset: Path  # folder of the pairs, with their source
+    options: TrainingOptions  # of the training
+    folder: Path  # output folder; a file of the same name beside it records the identity of the training
+    threads: int | None = None  # simulation threads of the source; None for all cores
 
     @property
     def record(self) -> Path:
@@ -50,11 +45,6 @@ def train_model(
     job: ModelJob, report: Callable[[str], None], choose: Callable[[Dataset], Dataset] = lambda whole: whole
 ) -> list[dict[str, float]]:
     """Train a model, or resume its training.
-
-    Args:
-        job: The training.
-        report: Called with a line after each validation.
-        choose: Selects the training part of the dataset.
 
     Returns:
         Its history, one row per validation.
@@ -103,3 +93,28 @@ def read_record(path: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         return {}
     return held if isinstance(held, dict) else {}
+
+
+PREDICTORS = (MODEL["delta"], MODEL["forward"], "source", "hold", "command")  # learned models first
+Kept = TypeVar("Kept")
+
+
+def compare_models(dataset: Dataset, source: Simulator, delta: Path, forward: Path) -> Evaluation:
+    """Return the errors of φ, ψ and the trivial baselines on a dataset."""
+    phi, psi = (checkpoint.load_frozen(checkpoint.find_checkpoint(folder)) for folder in (delta, forward))
+    return combine(evaluate(dataset, source, phi), evaluate(dataset, None, psi), PREDICTORS)
+
+
+def combine(one: Evaluation, other: Evaluation, order: Sequence[str]) -> Evaluation:
+    """Return two evaluations on the same episodes as one, with its predictors in order; the first takes precedence."""
+
+    def merge(first: Mapping[str, Kept], second: Mapping[str, Kept]) -> dict[str, Kept]:
+        both = {**second, **first}
+        return {name: both[name] for name in order if name in both}
+
+    return Evaluation(
+        merge(one.one_step, other.one_step),
+        merge(one.open_loop, other.open_loop),
+        merge(one.rollouts, other.rollouts),
+        {**other.diverged, **one.diverged},
+    )

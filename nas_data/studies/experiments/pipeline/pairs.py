@@ -19,19 +19,12 @@ from nas_data.sources import collect_source_files
 
 @dataclass(frozen=True)
 class PairedRecording:
-    """A paired dataset.
+    """A paired dataset."""
 
-    Attributes:
-        path: Its folder below that of the work it belongs to.
-        content_hash: Its content hash.
-        episodes: Number of episodes.
-        frames: Number of transitions.
-    """
-
-    path: str
+    path: str  # its folder below that of the work it belongs to
     content_hash: str
-    episodes: int
-    frames: int
+    episodes: int  # number of episodes
+    frames: int  # number of transitions
 
     def describe(self) -> dict[str, object]:
         """Return it for JSON."""
@@ -40,15 +33,10 @@ class PairedRecording:
 
 @dataclass(frozen=True)
 class Predictor:
-    """What predicts in a pairing.
+    """What predicts in a pairing."""
 
-    Attributes:
-        robot: Model.
-        effects: Effects added to it.
-    """
-
-    robot: Robot
-    effects: Sequence[Effect] = ()
+    robot: Robot  # model
+    effects: Sequence[Effect] = ()  # effects added to it
 
     @classmethod
     def of(cls, environment: str, dynamics: str = SOURCE) -> "Predictor":

@@ -13,23 +13,17 @@ from nas_data.errors import OptionError, UnknownName
 from nas_data.runs.environment_info import find_commit, read_versions
 from nas_data.runs.parallel import combine_errors
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request, find_experiment
-from nas_data.studies.experiments.pipeline.methods import METHODS, check_methods
+from nas_data.studies.experiments.pipeline.artifacts import METHODS, check_methods
 from nas_data.typed_json import make_finite
 
 
 @dataclass(frozen=True)
 class ExperimentRun:
-    """A finished experiment.
+    """A finished experiment."""
 
-    Attributes:
-        text: Results as text, with the paths of the files.
-        data: Values for JSON.
-        files: Written files.
-    """
-
-    text: str
-    data: Mapping[str, object]
-    files: tuple[Path, ...]
+    text: str  # results as text, with the paths of the files
+    data: Mapping[str, object]  # values for JSON
+    files: tuple[Path, ...]  # written files
 
 
 def run_experiment(name: str, request: Request) -> ExperimentRun:

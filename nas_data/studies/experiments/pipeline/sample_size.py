@@ -25,15 +25,23 @@ from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.split import select_frames
 from nas_data.policies.compare import Run, do_run
-from nas_data.policies.hyperparameters import Hyperparameters
-from nas_data.policies.learner import PolicyTraining
-from nas_data.policies.result import PolicyResult
+from nas_data.policies.policy import Hyperparameters, PolicyResult
+from nas_data.policies.ppo import PolicyTraining
 from nas_data.runs.progress import silence
-from nas_data.studies.ablation.amount import Amount
-from nas_data.studies.ablation.subsets import draw
-from nas_data.studies.experiments.pipeline.artifacts import DATASETS, NAMED, NAMES, PHI, PHI_NAMED, PSI, Artifacts
+from nas_data.studies.ablation.material import Amount, draw
+from nas_data.studies.experiments.pipeline.artifacts import (
+    DATASETS,
+    METHODS,
+    NAMED,
+    NAMES,
+    PHI,
+    PHI_NAMED,
+    PSI,
+    Artifacts,
+    add_to_source,
+    make_target,
+)
 from nas_data.studies.experiments.pipeline.learning import ModelJob, read_record, train_model
-from nas_data.studies.experiments.pipeline.methods import METHODS, add_to_source, make_target
 from nas_data.studies.experiments.pipeline.pairs import pair_again
 from nas_data.studies.experiments.pipeline.sizes import FOR_FEW
 from nas_data.studies.experiments.pipeline.stages import hash_naming_code
@@ -43,17 +51,11 @@ BY_PRESET = {f"nas_{name}": name for name in FOR_FEW}
 
 
 class Names(NamedTuple):
-    """Effects named from a subset.
+    """Effects named from a subset."""
 
-    Attributes:
-        folder: The gap report; None if it has neither effects nor changed base parameters.
-        seconds: Duration [s].
-        explained: Whether the residual is at the recording's noise floor.
-    """
-
-    folder: Path | None
-    seconds: float
-    explained: bool
+    folder: Path | None  # the gap report; None if it has neither effects nor changed base parameters
+    seconds: float  # duration [s]
+    explained: bool  # whether the residual is at the recording's noise floor
 
 
 Learned = tuple[DynamicsSpec, float]  # training dynamics of a policy, and the time to build it [s]
@@ -61,33 +63,19 @@ Learned = tuple[DynamicsSpec, float]  # training dynamics of a policy, and the t
 
 @dataclass(frozen=True)
 class CountJob:
-    """A number of trajectories and a seed.
+    """A number of trajectories and a seed."""
 
-    Attributes:
-        material: Recording with the trajectories, and trainings of φ and ψ.
-        methods: Methods to run, some of `LEARNED`.
-        count: Number of trajectories; for equal seeds, smaller subsets are parts of larger ones.
-        seed: Seed of the subset, of φ and ψ, and of the policies.
-        frames: Control steps of each policy's training.
-        episodes: Evaluation episodes of each policy.
-        hyperparameters: Hyperparameters of PPO.
-        policies: Folder of policies with this length and PPO.
-        folder: Folder of models, named effects and policies.
-        presets: Trainings of φ by presets for few trajectories, by name.
-        threads: Threads for simulation and search; None for all cores.
-    """
-
-    material: Artifacts
-    methods: tuple[str, ...]
-    count: int
-    seed: int
-    frames: int
-    episodes: int
-    hyperparameters: Hyperparameters
-    policies: str
-    folder: Path
-    presets: Mapping[str, TrainingOptions]
-    threads: int | None = None
+    material: Artifacts  # recording with the trajectories, and trainings of φ and ψ
+    methods: tuple[str, ...]  # methods to run, some of `LEARNED`
+    count: int  # number of trajectories; for equal seeds, smaller subsets are parts of larger ones
+    seed: int  # seed of the subset, of φ and ψ, and of the policies
+    frames: int  # control steps of each policy's training
+    episodes: int  # evaluation episodes of each policy
+    hyperparameters: Hyperparameters  # hyperparameters of PPO
+    policies: str  # folder of policies with this length and PPO
+    folder: Path  # folder of models, named effects and policies
+    presets: Mapping[str, TrainingOptions]  # trainings of φ by presets for few trajectories, by name
+    threads: int | None = None  # threads for simulation and search; None for all cores
 
     def subset(self, dataset: Dataset) -> Dataset:
         """Return the indices of the training trajectories."""

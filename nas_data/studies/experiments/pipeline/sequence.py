@@ -9,13 +9,12 @@ from nas_data.dataset.features import POSITION
 from nas_data.dataset.read import read
 from nas_data.joint_units import find_joint_unit
 from nas_data.models.evaluation import Evaluation
-from nas_data.reports.experiment_figures import warn
-from nas_data.reports.prediction_figures import compute_joint_errors, draw_trajectory
+from nas_data.reports.figures import compute_joint_errors, draw_trajectory, warn
 from nas_data.reports.style import to_png
 from nas_data.studies.experiments.base import Request
 from nas_data.studies.experiments.pipeline.artifacts import PHI, PSI, Artifacts
+from nas_data.studies.experiments.pipeline.learning import compare_models
 from nas_data.studies.experiments.pipeline.stages import describe_stages
-from nas_data.studies.experiments.pipeline.trajectories import compare_models
 
 NEEDS = ("record", PHI, PSI)
 DRAWN = ("source + φ", "ψ", "source", "hold")
@@ -23,21 +22,13 @@ DRAWN = ("source + φ", "ψ", "source", "hold")
 
 @dataclass(frozen=True)
 class Sequence:
-    """Held-out episodes with predictions, and the episode to draw.
+    """Held-out episodes with predictions, and the episode to draw."""
 
-    Attributes:
-        material: Their artifacts.
-        dataset: The episodes.
-        evaluation: Predictions and errors.
-        episode: The drawn episode: the one with the median source error among those of the paper's protocol.
-        joint: The joint with the largest source error in these episodes.
-    """
-
-    material: Artifacts
-    dataset: Dataset
-    evaluation: Evaluation
-    episode: int
-    joint: int
+    material: Artifacts  # their artifacts
+    dataset: Dataset  # the episodes
+    evaluation: Evaluation  # predictions and errors
+    episode: int  # the drawn episode: the one with the median source error among those of the paper's protocol
+    joint: int  # the joint with the largest source error in these episodes
 
     @property
     def measured(self) -> list[np.ndarray]:

@@ -14,20 +14,14 @@ FOR_FEW = ("few", "symmetric")  # presets for training from few trajectories
 
 @dataclass(frozen=True)
 class RecordingSize:
-    """Size of an environment's recording.
+    """Size of an environment's recording."""
 
-    Attributes:
-        trajectories: Number of episodes, as in the paper (sections 4.3 and 4.4) except for ErgoShield. Pusher has the
-            number behind the authors' published returns; the paper's text says 250.
-        steps: Control steps of each episode.
-        hold: Duration of an action [control steps] in the paper's protocol, which every fourth episode follows.
-        longest: Longest action [control steps] in the other episodes; see `Recipe.varied`.
-    """
-
+    # number of episodes, as in the paper (sections 4.3 and 4.4) except for ErgoShield. Pusher has the number behind the
+    # authors' published returns; the paper's text says 250.
     trajectories: int
-    steps: int
-    hold: int
-    longest: int
+    steps: int  # control steps of each episode
+    hold: int  # duration of an action [control steps] in the paper's protocol, which every fourth episode follows
+    longest: int  # longest action [control steps] in the other episodes; see `Recipe.varied`
 
 
 # The paper draws a new action every step in simulation, and a new target every second on the arm
@@ -48,43 +42,24 @@ PPO: Mapping[str, Mapping[str, int]] = {
 
 @dataclass(frozen=True)
 class Sizes:
-    """Sizes of every experiment.
+    """Sizes of every experiment."""
 
-    Attributes:
-        name: `full` or `quick`.
-        heldout: Number of held-out episodes.
-        delta: Training of φ, except for environments in `PHI`.
-        forward: Training of ψ.
-        presets: Trainings of φ by other presets in figure 6, by name.
-        frames: Control steps of each policy's training.
-        seeds: Seeds of each method.
-        judged: Evaluation episodes of each policy.
-        counts: Numbers of training trajectories in figure 6.
-        trajectories: Number of recorded episodes; the paper's if None.
-        named: Number of episodes for `nas gap`; all if None.
-        rollout: Control steps between two updates of a policy.
-        minibatches: Parts of a rollout, one gradient step each.
-        epochs: Passes over a rollout.
-        arms: Simulations stepped together.
-        ppo: Name of the set of the last four values, one of `PPO`.
-    """
-
-    name: str
-    heldout: int
-    delta: TrainingOptions
-    forward: TrainingOptions
-    presets: Mapping[str, TrainingOptions]
-    frames: int
-    seeds: tuple[int, ...]
-    judged: int
-    counts: tuple[int, ...]
-    trajectories: int | None = None
-    named: int | None = None
-    rollout: int = 8192
-    minibatches: int = 32
-    epochs: int = 10
-    arms: int = 16
-    ppo: str = OURS
+    name: str  # `full` or `quick`
+    heldout: int  # number of held-out episodes
+    delta: TrainingOptions  # training of φ, except for environments in `PHI`
+    forward: TrainingOptions  # training of ψ
+    presets: Mapping[str, TrainingOptions]  # trainings of φ by other presets in figure 6, by name
+    frames: int  # control steps of each policy's training
+    seeds: tuple[int, ...]  # seeds of each method
+    judged: int  # evaluation episodes of each policy
+    counts: tuple[int, ...]  # numbers of training trajectories in figure 6
+    trajectories: int | None = None  # number of recorded episodes; the paper's if None
+    named: int | None = None  # number of episodes for `nas gap`; all if None
+    rollout: int = 8192  # control steps between two updates of a policy
+    minibatches: int = 32  # parts of a rollout, one gradient step each
+    epochs: int = 10  # passes over a rollout
+    arms: int = 16  # simulations stepped together
+    ppo: str = OURS  # name of the set of the last four values, one of `PPO`
 
     @property
     def quick(self) -> bool:

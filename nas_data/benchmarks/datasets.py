@@ -1,4 +1,4 @@
-"""Writing and reading of datasets by LeRobot itself, for comparison."""
+"""Datasets that benchmarks time: by the work of `nas record sim` and `nas pair`, and by LeRobot itself."""
 
 import os
 import warnings
@@ -7,11 +7,27 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from nas_data.api.pairing import pair
+from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import Feature
+from nas_data.dataset.origin import describe
+from nas_data.dataset.versions import save
 from nas_data.errors import MissingPackage
 
 if TYPE_CHECKING:
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+
+def write_version(dataset: Dataset, out: Path) -> Path:
+    """Write a dataset with its provenance and its source; return the folder."""
+    provenance, kept = describe(dataset)
+    return save(dataset, provenance, out=out, attachments=kept)
+
+
+def pair_folder(root: Path, model: str, out: Path) -> Path:
+    """Pair a recorded dataset with a robot as source; return the folder."""
+    return write_version(pair(root, model), out)
+
 
 NAME = "local/benchmark"
 

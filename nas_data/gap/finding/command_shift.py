@@ -7,10 +7,9 @@ import numpy as np
 from nas_data.count_of import count_of, join_items
 from nas_data.errors import ModelFileError
 from nas_data.gap.episode_batch import EpisodeBatch
-from nas_data.gap.finding.audits.base import Examined
+from nas_data.gap.finding.audits import Examined
 from nas_data.gap.report_parts import Check
 
-NAME = "command shift"
 SHIFTS = (-3, -2, -1, 0, 1, 2, 3)  # [rows] by which commands are shifted; positive is later
 SLIPS = 2  # [rows] largest shift that an error of the log explains
 WINDOW = 0.1  # [s] over which motions are compared, so that static errors cancel
@@ -21,18 +20,20 @@ SECONDS = 20.0  # [s] of each
 VISIBLE = 2.0  # smallest error, in standard deviations of a difference of two readings
 
 
-def check(examined: Examined) -> Check:
+def check_command_shift(examined: Examined) -> Check:
     """Report joints whose motion fits clearly better with shifted commands."""
     best, visible = find_best_shifts(examined)
     if not best.any():
-        return Check(NAME, "No joint follows its commands clearly better when they are moved by one or two rows.")
+        return Check(
+            "command shift", "No joint follows its commands clearly better when they are moved by one or two rows."
+        )
     said, ok = [], True
     for shift in np.unique(best[best != 0]).tolist():
         alike = (np.sign(best) == np.sign(shift)) & (best <= SLIPS)
         slip = shift <= SLIPS and 2 * alike.sum() > visible.sum()
         said.append(describe_shift(select_names(examined, best == shift), shift, slip, examined.nominal.period))
         ok &= not slip
-    return Check(NAME, " ".join(said), ok)
+    return Check("command shift", " ".join(said), ok)
 
 
 def select_names(examined: Examined, chosen: np.ndarray) -> str:

@@ -1,1 +1,0 @@
-"""Faults of servos, wires and adapter, one file each."""
