@@ -19,10 +19,10 @@ from nas_data.policies.hyperparameters import Hyperparameters
 from nas_data.policies.learner import make_silent_ppo
 from nas_data.simulators.mujoco import MujocoSimulator
 
-MOST = 64  # environments of a side
+MAX_ARMS = 64  # environments of a side
 MINIBATCH = Hyperparameters().rollout // Hyperparameters().minibatches
 CORRECTION = 1e-5  # [rad, rad/s] so small that the arm moves as without φ: larger ones make the physics work more
-WANTED = {"plain_16": 0.9, "plain_64": 1.0, "naive_16": 5.0, "batched_16": 0.8}
+GOALS = {"plain_16": 0.9, "plain_64": 1.0, "naive_16": 5.0, "batched_16": 0.8}
 
 
 def benchmark(scratch: Path, frames: int, rounds: int) -> BenchmarkResult:
@@ -36,8 +36,8 @@ def benchmark(scratch: Path, frames: int, rounds: int) -> BenchmarkResult:
     Raises:
         OptionError: a rollout is too short for each environment to take a step.
     """
-    if frames < MOST:
-        raise OptionError(f"--frames is {frames}; at least {MOST} are needed, one for each environment.")
+    if frames < MAX_ARMS:
+        raise OptionError(f"--frames is {frames}; at least {MAX_ARMS} are needed, one for each environment.")
     phi, simulator = make_random_phi(), MujocoSimulator.load(TASK.robot, TASK.period, TASK.joints)
 
     def augmented(size: int) -> VecEnv:
@@ -54,7 +54,7 @@ def benchmark(scratch: Path, frames: int, rounds: int) -> BenchmarkResult:
     sides = {name: make_ppo_update(make(), frames) for name, make in environments.items()}
     ratios = [
         Ratio(f"augmented_vs_{name}", f"augmented_{name.rpartition('_')[2]}", name, wanted, "cpu")
-        for name, wanted in WANTED.items()
+        for name, wanted in GOALS.items()
     ]
     return BenchmarkResult(
         title=f"PPO on ErgoReacher, rollouts of {frames} frames with their updates; the number is that of environments",
@@ -78,7 +78,7 @@ def make_random_phi() -> DynamicsModel:
 
 
 def make_ppo_update(environment: VecEnv, frames: int) -> Work:
-    """Return a function that does one rollout and its update, and continues from there at the next call."""
+    """Return a function that does one rollout and one PPO update per call."""
     p = Hyperparameters(arms=environment.num_envs, rollout=frames, minibatches=max(1, frames // MINIBATCH))
     ppo = make_silent_ppo(VecNormalize(environment, gamma=p.discount), p, seed=0)
 

@@ -11,7 +11,7 @@ from gymnasium.wrappers import TimeLimit
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from nas_data.envs.ergo_reacher import ABOVE, ACTIVE, AHEAD, ANGLE, CENTRE, NO_LOAD_SPEED, REACHED, TASK, TIP
+from nas_data.envs.ergo_reacher import ACTIVE, ANGLE, CENTRE, MAX_Y, MAX_Z, NO_LOAD_SPEED, REACHED, TASK, TIP
 from nas_data.models.lstm import DynamicsModel
 
 SUBSTEPS = 5  # of 2 ms
@@ -45,7 +45,7 @@ class GymReacher(gymnasium.Env[np.ndarray, np.ndarray]):
         self.data.qpos[:], self.data.qvel[:] = np.split(start.state, 2)
         self.goal = start.goal
         offset = start.goal - CENTRE
-        self._observation[8:] = offset[1] / AHEAD, 2.0 * offset[2] / ABOVE - 1.0
+        self._observation[8:] = offset[1] / MAX_Y, 2.0 * offset[2] / MAX_Z - 1.0
         return self._observe(), {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, object]]:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from nas_data.studies.ablation.sweep import SweepPlan
 
 HEARTBEAT = 30.0  # [s] between two signs of life while trials run
-USUAL = (10, 25, 50, 100, 250, 500, 1000)  # training episodes, as far as they reach
+DEFAULT_COUNTS = (10, 25, 50, 100, 250, 500, 1000)  # training episodes, as far as they reach
 QUICK = {"hidden": 32, "layers": 1, "updates": 40, "horizon": 60, "frames": 1600}  # a trial in seconds
 
 
@@ -114,8 +114,8 @@ class Ablate(TakesModel):
         """Read the options."""
         from nas_data.dataset import versions
         from nas_data.studies.ablation.amount import split_words
-        from nas_data.studies.ablation.material import SweepData
         from nas_data.studies.ablation.sweep import SweepPlan
+        from nas_data.studies.ablation.sweep_data import SweepData
 
         test = versions.resolve(self.test) if self.test else None
         material = SweepData(versions.resolve(self.dataset), test, self.actuated(self.model), self.engine, self.effects)
@@ -143,7 +143,7 @@ class Ablate(TakesModel):
         if self.minutes:
             return parse(self.minutes, "minutes")
         there = episodes if self.test else len(divide(episodes, self.held_out, 0)[0])
-        usual = (*(str(count) for count in USUAL if count < there), "all")
+        usual = (*(str(count) for count in DEFAULT_COUNTS if count < there), "all")
         amounts = parse(self.counts or usual, "episodes")
         return tuple(sorted({replace(a, value=float(there)) if a.is_all else a for a in amounts}))
 

@@ -9,7 +9,7 @@ from nas_data.count_of import count_of
 LEVEL = 0.95  # of intervals by resampling
 ENDS = ((1 - LEVEL) / 2, (1 + LEVEL) / 2)
 RESAMPLES = 10_000  # of the bootstrap
-FEW = 5  # largest number of values for which the bootstrap interval of a median is just their range
+MAX_RANGE_VALUES = 5  # largest number of values for which the bootstrap interval of a median is just their range
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Interval:
     @property
     def level(self) -> float:
         """Coverage probability: exact for a range (binomial), nominal for a bootstrap."""
-        return 1 - 2 ** (1 - self.seeds) if self.seeds <= FEW else LEVEL
+        return 1 - 2 ** (1 - self.seeds) if self.seeds <= MAX_RANGE_VALUES else LEVEL
 
     @property
     def kind(self) -> str:
@@ -43,21 +43,23 @@ class Interval:
 
 def describe_interval(seeds: int) -> str:
     """Return a phrase for the interval of a median over seeds."""
-    if seeds < FEW:
+    if seeds < MAX_RANGE_VALUES:
         return f"range of {count_of(seeds, 'seed')}"
     return (
-        f"range of {count_of(seeds, 'seed')}, {1 - 2 ** (1 - seeds):.0%}" if seeds == FEW else f"bootstrap, {LEVEL:.0%}"
+        f"range of {count_of(seeds, 'seed')}, {1 - 2 ** (1 - seeds):.0%}"
+        if seeds == MAX_RANGE_VALUES
+        else f"bootstrap, {LEVEL:.0%}"
     )
 
 
 def describe_bootstrap(seeds: int) -> str:
     """Return a phrase for a bootstrap interval over seeds; with few seeds its coverage is below its level."""
-    return f"bootstrap of {count_of(seeds, 'seed')}" if seeds <= FEW else f"bootstrap, {LEVEL:.0%}"
+    return f"bootstrap of {count_of(seeds, 'seed')}" if seeds <= MAX_RANGE_VALUES else f"bootstrap, {LEVEL:.0%}"
 
 
 def compute_median_interval(values: np.ndarray) -> Interval:
     """Return the interval of the median of values over seeds, shape (seeds,)."""
-    if len(values) <= FEW:
+    if len(values) <= MAX_RANGE_VALUES:
         return Interval(float(values.min()), float(values.max()), len(values))
     low, high = np.quantile(resample_medians(values, np.random.default_rng(0)), ENDS)
     return Interval(float(low), float(high), len(values))

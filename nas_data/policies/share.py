@@ -6,7 +6,7 @@ import numpy as np
 
 from nas_data.policies.intervals import ENDS, describe_bootstrap, resample_medians
 
-NOTHING = 1e-9  # least relative advantage of the expert for which the score is defined
+MIN_ADVANTAGE = 1e-9  # least relative advantage of the expert for which the score is defined
 
 
 @dataclass(frozen=True)
@@ -54,11 +54,11 @@ def compute_share(method: np.ndarray, source: np.ndarray, expert: np.ndarray) ->
         expert: Returns of policies that learned on the target.
     """
     start, end = float(np.median(source)), float(np.median(expert))
-    if end - start <= NOTHING * max(1.0, abs(start), abs(end)):
+    if end - start <= MIN_ADVANTAGE * max(1.0, abs(start), abs(end)):
         return Share(np.nan, np.nan, np.nan, end - start, len(method))
     rng = np.random.default_rng(0)
     starts, ends, reached = (resample_medians(values, rng) for values in (source, expert, method))
-    telling = ends - starts > NOTHING * np.maximum(1.0, np.maximum(abs(starts), abs(ends)))
+    telling = ends - starts > MIN_ADVANTAGE * np.maximum(1.0, np.maximum(abs(starts), abs(ends)))
     shares = (reached - starts)[telling] / (ends - starts)[telling]
     low, high = np.quantile(shares, ENDS)
     closed = float((np.median(method) - start) / (end - start))
@@ -113,6 +113,6 @@ def compute_return_range(source: np.ndarray, expert: np.ndarray) -> ReturnRange:
     """
     rng = np.random.default_rng(0)
     low, high = np.quantile(resample_medians(expert, rng) - resample_medians(source, rng), ENDS)
-    least = NOTHING * max(1.0, float(abs(np.median(source))), float(abs(np.median(expert))))
+    least = MIN_ADVANTAGE * max(1.0, float(abs(np.median(source))), float(abs(np.median(expert))))
     value = float(np.median(expert) - np.median(source))
     return ReturnRange(value, float(low), float(high), len(source), bool(low > least))

@@ -28,7 +28,7 @@ BLOCK = re.compile(r"(?:<!-- ([^\n]*) -->\s*)?^ *```(bash|python)\n(.*?)^ *```",
 OWN_TESTS = ("CONTRIBUTING.md", "docs/python.md")  # test_contributing.py and tests/api/test_api.py run all of theirs
 INPUTS = {
     "docs/ergojr.md": page_inputs.train_policies,
-    "docs/examples.md": page_inputs.write_recording,
+    "docs/examples.md": page_inputs.write_long_recording,
     "docs/pages.md": page_inputs.record_pendulum,
     "docs/render.md": page_inputs.record_so101,
     "docs/so101.md": page_inputs.write_so101_logs,
@@ -36,6 +36,8 @@ INPUTS = {
 }
 TINY_EXPERIMENTS = ("docs/paper.md", "docs/results/experiments.md")
 FEWER_UPDATES = (r"(nas train \w+ \S+ --out \S+)", r"\1 --hidden 8 --updates 2")
+INSTALL = r"python -m pip install -q --no-deps --no-build-isolation --no-index --target plugins \1\n"
+INSTALL += "export PYTHONPATH=$PYTHONPATH:$PWD/plugins"
 VIRTUAL = (r"--port /dev/ttyUSB0", "--port virtual")
 SMALLER: dict[str, list[tuple[str, str]]] = {
     "docs/ergojr.md": [
@@ -80,7 +82,7 @@ SMALLER: dict[str, list[tuple[str, str]]] = {
         (r"--on target", r"\g<0> --episodes 2"),
         (r"--port /dev/ttyUSB0 --episodes 10", "--port virtual --lockstep --episodes 2"),
     ],
-    "lerobot_robot_ergojr/README.md": [(r"pip install (\S+)", r"export PYTHONPATH=$PYTHONPATH:$PWD/\1")],
+    "lerobot_robot_ergojr/README.md": [(r"pip install (\S+)", INSTALL)],
 }
 
 

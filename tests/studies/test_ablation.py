@@ -22,7 +22,7 @@ from nas_data.studies.ablation.kinds.base import FOLDER as KINDS
 from nas_data.studies.ablation.kinds.base import ModelKind, find_kind
 from nas_data.studies.ablation.results import TrainingData, TrialResult
 from nas_data.studies.ablation.subsets import divide, draw
-from nas_data.studies.ablation.summary import ENOUGH, Spread, SweepSummary
+from nas_data.studies.ablation.summary import MAX_EXCESS, Spread, SweepSummary
 from nas_data.studies.ablation.table import format_markdown, format_table, make_rows
 from nas_data.studies.ablation.trial import Config
 from nas_data.studies.ablation.write import write
@@ -182,7 +182,7 @@ def swept():
 
 
 def test_the_sentence_names_the_smallest_amount_within_five_percent_of_the_best():
-    assert ENOUGH == 0.05
+    assert MAX_EXCESS == 0.05
     found = SweepSummary.of(swept())
     assert {kind: cell.amount.word for kind, cell in found.enough().items()} == {"delta": 20, "forward": "all"}
     assert found.sentence() == (

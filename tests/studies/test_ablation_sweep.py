@@ -28,10 +28,10 @@ from nas_data.runs.environment_info import find_commit
 from nas_data.studies.ablation import trial as trials
 from nas_data.studies.ablation.amount import Amount
 from nas_data.studies.ablation.kinds.base import TrainingInput, find_kind
-from nas_data.studies.ablation.material import SweepData
 from nas_data.studies.ablation.results import TrialResult
 from nas_data.studies.ablation.subsets import divide, draw
 from nas_data.studies.ablation.sweep import open_sweep, run_sweep
+from nas_data.studies.ablation.sweep_data import SweepData
 from nas_data.studies.ablation.trial import UNFINISHED, do_trial
 from nas_data.typed_json import from_json
 

@@ -22,19 +22,19 @@ from nas_data.simulators.mujoco import MujocoSimulator
 from nas_data.studies.experiments.pipeline import sizes
 
 
-def move_so101(episodes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions and commands [rad] of a simulated SO-101 that plays steps, (episodes, 75, 6) each."""
+def move_so101(episodes: int, moves: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions and commands [rad] of a simulated SO-101 that plays steps, (episodes, 25 · moves, 6) each."""
     rng, robot = np.random.default_rng(0), find_robot("so101_follower")
     arm = MujocoSimulator(robot, 1 / RATE, threads=1)
     start = np.concatenate([robot.rest, np.zeros(6)])
-    commands = robot.rest + np.repeat(rng.uniform(-0.3, 0.3, (episodes, 3, 6)), 25, axis=1)
+    commands = robot.rest + np.repeat(rng.uniform(-0.3, 0.3, (episodes, moves, 6)), 25, axis=1)
     states = arm.rollout(np.repeat(start[None], episodes, axis=0), commands)[..., :6]
     return np.concatenate([np.broadcast_to(start[:6], (episodes, 1, 6)), states[:, :-1]], axis=1), commands
 
 
-def write_recording(folder: Path) -> None:
+def write_recording(folder: Path, moves: int = 3) -> None:
     """Write `my_recording` and `my_arm.json`: an SO-101 read in ticks, kept in degrees by LeRobot."""
-    states, commands = move_so101(4)
+    states, commands = move_so101(4, moves)
     motors = write_calibration(folder / "my_arm.json", SO101)
     low, high = MujocoSimulator(find_robot("so101_follower"), 1 / RATE, threads=1).model.joint("gripper").range
 
@@ -49,6 +49,11 @@ def write_recording(folder: Path) -> None:
 
     episodes = [(stored(state), stored(command)) for state, command in zip(states, commands, strict=True)]
     write_lerobot(folder / "my_recording", episodes, SO101, "so101_follower")
+
+
+def write_long_recording(folder: Path) -> None:
+    """Write `my_recording` with episodes of 7 s."""
+    write_recording(folder, moves=14)
 
 
 def write_logs(folder: Path) -> None:

@@ -9,8 +9,8 @@ from support.command_samples import Place
 from nas_data.models.presets import preset
 from nas_data.studies.ablation import trial as trials
 from nas_data.studies.ablation.amount import Amount
-from nas_data.studies.ablation.material import SweepData
 from nas_data.studies.ablation.sweep import SweepPlan
+from nas_data.studies.ablation.sweep_data import SweepData
 
 BRIEF = ("--hidden", "8", "--updates", "2", "--horizon", "20")
 TINY = preset("fast", hidden=8, layers=1, updates=2, horizon=20, frames=100)

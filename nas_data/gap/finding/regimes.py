@@ -10,9 +10,9 @@ from nas_data.gap.finding.conditions import Condition
 from nas_data.gap.finding.significance import compute_grouped_chance, compute_paired_chance, correct_holm
 from nas_data.gap.report_parts import Bin
 
-FEWEST = 20  # fewest rows inside and outside a bin
-VISIBLE = 1.2  # noise floors above which a joint's bins are tested
-PRESENT = 5  # fewest rows inside and outside a bin in an episode
+MIN_BIN_ROWS = 20  # fewest rows inside and outside a bin
+TESTED_FLOORS = 1.2  # noise floors above which a joint's bins are tested
+MIN_EPISODE_ROWS = 5  # fewest rows inside and outside a bin in an episode
 SEED = 0
 
 
@@ -59,11 +59,11 @@ def measure_bin(
     """Return one bin of one joint with errors (E, T), uncorrected; None with too few rows."""
     labels, squared = condition.labels[..., joint], errors**2
     here, there = labels == number, (labels >= 0) & (labels != number)
-    if min(here.sum(), there.sum()) < FEWEST:
+    if min(here.sum(), there.sum()) < MIN_BIN_ROWS:
         return None
     rmse, rest = (float(np.sqrt(squared[rows].mean())) for rows in (here, there))
     compare = compare_between if condition.whole_episodes else compare_within
-    visible = squared[evidence.mask].mean() > (VISIBLE * floor) ** 2
+    visible = squared[evidence.mask].mean() > (TESTED_FLOORS * floor) ** 2
     return Bin(
         joint=evidence.joints[joint],
         regime=condition.name,
@@ -83,7 +83,7 @@ def compare_within(
     squared: np.ndarray, here: np.ndarray, there: np.ndarray, floor: float, rng: np.random.Generator
 ) -> float:
     """Return the p-value of a difference between two sets of rows (E, T) within episodes."""
-    both = (here.sum(1) >= PRESENT) & (there.sum(1) >= PRESENT)
+    both = (here.sum(1) >= MIN_EPISODE_ROWS) & (there.sum(1) >= MIN_EPISODE_ROWS)
     logs = [compute_log_mean(squared[both], rows[both], floor) for rows in (here, there)]
     return compute_paired_chance(logs[0] - logs[1], rng)
 

@@ -12,9 +12,9 @@ from math import comb
 import numpy as np
 
 LEVEL = 0.05  # probability of one false alarm among all bins of an arm
-COUNTED = 2**14  # most permutations that are enumerated
-DRAWN = 20_000  # permutations sampled otherwise
-SLACK = 1e-9  # relative rounding error of equal sums
+MAX_ENUMERATED = 2**14  # most permutations that are enumerated
+SAMPLED_PERMUTATIONS = 20_000  # permutations sampled otherwise
+SUM_TOLERANCE = 1e-9  # relative rounding error of equal sums
 
 
 def compute_paired_chance(differences: np.ndarray, rng: np.random.Generator) -> float:
@@ -27,11 +27,11 @@ def compute_paired_chance(differences: np.ndarray, rng: np.random.Generator) -> 
     count = len(differences)
     if not count:
         return 1.0
-    exact = 2**count <= COUNTED
+    exact = 2**count <= MAX_ENUMERATED
     if exact:
         signs = 1 - 2 * (np.arange(2**count)[:, None] >> np.arange(count) & 1)
     else:
-        signs = rng.choice((-1, 1), (DRAWN, count))
+        signs = rng.choice((-1, 1), (SAMPLED_PERMUTATIONS, count))
     return _compute_p_value(signs @ differences, float(differences.sum()), exact)
 
 
@@ -47,18 +47,18 @@ def compute_grouped_chance(values: np.ndarray, chosen: np.ndarray, rng: np.rando
     if not 0 < size < count:
         return 1.0
     centred = values - values.mean()
-    exact = comb(count, size) <= COUNTED
+    exact = comb(count, size) <= MAX_ENUMERATED
     if exact:
         sums = np.array([centred[list(rows)].sum() for rows in combinations(range(count), size)])
     else:
-        order = rng.random((DRAWN, count)).argsort(axis=1)[:, :size]
+        order = rng.random((SAMPLED_PERMUTATIONS, count)).argsort(axis=1)[:, :size]
         sums = centred[order].sum(axis=1)
     return _compute_p_value(sums, float(centred[chosen].sum()), exact)
 
 
 def _compute_p_value(sums: np.ndarray, found: float, exact: bool) -> float:
     """Return the share of permutations with a sum at least as large in size, including the observed one."""
-    as_large = int((np.abs(sums) >= abs(found) * (1 - SLACK)).sum())
+    as_large = int((np.abs(sums) >= abs(found) * (1 - SUM_TOLERANCE)).sum())
     return as_large / len(sums) if exact else (1 + as_large) / (1 + len(sums))
 
 

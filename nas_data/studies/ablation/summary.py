@@ -17,7 +17,7 @@ from nas_data.studies.ablation.results import TrialResult
 from nas_data.studies.ablation.trial import Config
 
 JSON = "ablation.json"
-ENOUGH = 0.05  # relative excess of the median error over the best one at a sufficient amount
+MAX_EXCESS = 0.05  # relative excess of the median error over the best one at a sufficient amount
 LOOPS = ("open_loop", "one_step")
 
 Outcome = tuple[Config, TrialResult]
@@ -131,7 +131,7 @@ class SweepSummary:
         """Return for each kind the smallest amount whose median open-loop error is within 5 % of its best."""
         found = {}
         for kind, cells in self.cells.items():
-            limit = (1 + ENOUGH) * find_best(cells).errors["open_loop"].median
+            limit = (1 + MAX_EXCESS) * find_best(cells).errors["open_loop"].median
             if math.isfinite(limit):
                 found[kind] = next(cell for cell in cells if cell.errors["open_loop"].median <= limit)
         return found
@@ -140,7 +140,7 @@ class SweepSummary:
         """Return a sentence on the sufficient amount of data."""
         enough = self.enough()
         parts = [self._describe(kind, enough.get(kind)) for kind in self.cells]
-        head = f"Smallest amount of data whose median open-loop error is within {ENOUGH:.0%} of the kind's best: "
+        head = f"Smallest amount of data whose median open-loop error is within {MAX_EXCESS:.0%} of the kind's best: "
         return head + "; ".join(parts) + "." if parts else "No trial succeeded."
 
     def _describe(self, kind: str, cell: Cell | None) -> str:

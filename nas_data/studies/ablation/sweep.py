@@ -18,8 +18,8 @@ from nas_data.models.presets import TrainingOptions
 from nas_data.runs.progress import format_duration
 from nas_data.studies.ablation.amount import Amount
 from nas_data.studies.ablation.executors.base import Executor
-from nas_data.studies.ablation.material import Content, SweepData
 from nas_data.studies.ablation.results import TrialResult
+from nas_data.studies.ablation.sweep_data import Content, SweepData
 from nas_data.studies.ablation.trial import TRIALS, UNFINISHED, Config, Trial, do_trial, hash_trial_code
 from nas_data.typed_json import from_json
 from nas_data.visible_files import list_visible_files

@@ -24,9 +24,9 @@ from nas_data.sources import SourceModel
 from nas_data.studies.ablation.amount import Amount
 from nas_data.studies.ablation.judging import judge
 from nas_data.studies.ablation.kinds.base import FOLDER, TrainingInput, find_kind
-from nas_data.studies.ablation.material import Content, SweepData
 from nas_data.studies.ablation.results import TrainingData, TrialResult
 from nas_data.studies.ablation.subsets import Run, draw
+from nas_data.studies.ablation.sweep_data import Content, SweepData
 from nas_data.typed_json import as_object
 
 SCHEMA = 1

@@ -5,11 +5,11 @@ import numpy as np
 from nas_data.count_of import join_items
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding.audits.base import Examined
-from nas_data.gap.finding.recorded import STILL
+from nas_data.gap.finding.recorded import RESTING_FLOORS
 from nas_data.gap.report_parts import Check
 
 NAME = "excitation"
-STEADY = 1e-6  # [rad or N·m] within which a command is constant
+CONSTANT_TOLERANCE = 1e-6  # [rad or N·m] within which a command is constant
 
 
 def check(examined: Examined) -> Check:
@@ -30,10 +30,10 @@ def join_chosen(evidence: EpisodeBatch, chosen: np.ndarray) -> str:
 
 def find_constant_commands(evidence: EpisodeBatch) -> np.ndarray:
     """Return which joints have constant commands, shape (n,)."""
-    return np.asarray(np.ptp(evidence.commands[evidence.mask], axis=0) <= STEADY)
+    return np.asarray(np.ptp(evidence.commands[evidence.mask], axis=0) <= CONSTANT_TOLERANCE)
 
 
 def find_unmoved_joints(evidence: EpisodeBatch, floor: np.ndarray) -> np.ndarray:
     """Return which joints do not move in any episode, shape (n,)."""
     span = np.ptp(np.concatenate([evidence.initial_positions[:, None], evidence.measured], axis=1), axis=1)
-    return np.asarray(span.max(axis=0) <= STILL * floor)
+    return np.asarray(span.max(axis=0) <= RESTING_FLOORS * floor)

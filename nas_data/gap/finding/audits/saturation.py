@@ -8,8 +8,8 @@ from nas_data.gap.report_parts import Check
 from nas_data.simulators.limits import command_limits
 
 NAME = "saturation"
-NOTED = 0.01  # share of the rows above which a joint is reported
-MOSTLY = 0.5  # share of the rows at the limit above which the gain is too high
+REPORTED_SHARE = 0.01  # share of the rows above which a joint is reported
+EXCESSIVE_SHARE = 0.5  # share of the rows at the limit above which the gain is too high
 ROUNDING = 1e-5  # [the commands' unit]; commands are stored as float32
 
 
@@ -19,11 +19,11 @@ def check(examined: Examined) -> Check:
     saturated = examined.loads.saturated[counts].mean(axis=0)
     beyond = find_out_of_range(examined)[counts].mean(axis=0)
     said = []
-    if (saturated > NOTED).any():
+    if (saturated > REPORTED_SHARE).any():
         said.append(f"the model's servo is at its torque limit in {describe_shares(examined, saturated)}")
-    if (saturated > MOSTLY).any():
+    if (saturated > EXCESSIVE_SHARE).any():
         said.append("most of the time at the limit is a gain (kp) too high for its torque: look at the model")
-    if (beyond > NOTED).any():
+    if (beyond > REPORTED_SHARE).any():
         said.append(
             f"commands leave the model's range in {describe_shares(examined, beyond)}: the model cuts them off, "
             "the robot may have done otherwise"
@@ -31,13 +31,17 @@ def check(examined: Examined) -> Check:
     if not said:
         return Check(NAME, "The model's servos are below their torque limits and the commands within its ranges.")
     text = "; ".join(said)
-    return Check(NAME, text[0].upper() + text[1:] + ".", not ((saturated > MOSTLY) | (beyond > NOTED)).any())
+    return Check(
+        NAME, text[0].upper() + text[1:] + ".", not ((saturated > EXCESSIVE_SHARE) | (beyond > REPORTED_SHARE)).any()
+    )
 
 
 def describe_shares(examined: Examined, values: np.ndarray) -> str:
-    """Return joints with their shares of the rows, above `NOTED`."""
+    """Return joints with their shares of the rows, above `REPORTED_SHARE`."""
     pairs = zip(examined.nominal.joints, values, strict=True)
-    return join_items([f"{format_percent(value)} of the rows of {joint}" for joint, value in pairs if value > NOTED])
+    return join_items(
+        [f"{format_percent(value)} of the rows of {joint}" for joint, value in pairs if value > REPORTED_SHARE]
+    )
 
 
 def find_out_of_range(examined: Examined) -> np.ndarray:

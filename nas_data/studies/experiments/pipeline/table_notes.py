@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Comparison
-from nas_data.policies.intervals import FEW
+from nas_data.policies.intervals import MAX_RANGE_VALUES
 from nas_data.studies.experiments.pipeline.artifacts import Artifacts
 from nas_data.studies.experiments.pipeline.dynamics import describe_target
 from nas_data.studies.experiments.pipeline.methods import METHODS
@@ -58,7 +58,7 @@ def describe_names_alone(material: Artifacts, comparison: Comparison) -> Sequenc
 
 def describe_intervals(seeds: int) -> str:
     """Return a note on intervals over few seeds; none if there are enough seeds."""
-    if not 1 < seeds <= FEW:
+    if not 1 < seeds <= MAX_RANGE_VALUES:
         return ""
     return (
         f"In brackets beside the median: the range of the {seeds} seeds, which holds the median of all seeds in "

@@ -22,7 +22,7 @@ def compare_models(dataset: Dataset, source: Simulator, delta: Path, forward: Pa
         delta: Checkpoint of φ.
         forward: Checkpoint of ψ.
     """
-    phi, psi = (checkpoint.load_frozen(checkpoint.find_checkpoint(folder)) for folder in (delta, forward))
+    phi, psi = (checkpoint.load_for_inference(checkpoint.find_checkpoint(folder)) for folder in (delta, forward))
     return combine(evaluate(dataset, source, phi), evaluate(dataset, None, psi), PREDICTORS)
 
 
