@@ -37,7 +37,7 @@ INPUTS = {
 TINY_EXPERIMENTS = ("docs/paper.md", "docs/results/experiments.md")
 FEWER_UPDATES = (r"(nas train \w+ \S+ --out \S+)", r"\1 --hidden 8 --updates 2")
 INSTALL = r"python -m pip install -q --no-deps --no-build-isolation --no-index --target plugins \1\n"
-INSTALL += "export PYTHONPATH=$PYTHONPATH:$PWD/plugins"
+INSTALL += "export PYTHONPATH=$PWD/plugins:$PYTHONPATH"
 VIRTUAL = (r"--port /dev/ttyUSB0", "--port virtual")
 SMALLER: dict[str, list[tuple[str, str]]] = {
     "docs/ergojr.md": [
