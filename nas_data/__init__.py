@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from nas_data.api.evaluation import evaluate
     from nas_data.api.gap import identify
     from nas_data.api.importing import import_logs
-    from nas_data.api.learned import LearnedModel
+    from nas_data.api.learned_model import LearnedModel
     from nas_data.api.pairing import pair
     from nas_data.api.policy import load_policy
     from nas_data.api.recording import record

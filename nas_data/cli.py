@@ -109,7 +109,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def handle_broken_pipe() -> None:
-    """Drop what is still to be printed: the reader (head, less) has seen enough, and Python would complain at exit."""
+    """Discard pending output: its reader (head, less) has closed the pipe, and Python would report that at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

@@ -59,7 +59,7 @@ class Errors:
 
     @property
     def kinds(self) -> list[tuple[JointUnit, np.ndarray]]:
-        """The kinds of joints that there are, the one of the overall figures first, each with its joints' places."""
+        """Kinds of joints present, each with the indices of its joints; the kind of the overall figures comes first."""
         return group_by_kind(self.joints, self.slides)
 
     @property

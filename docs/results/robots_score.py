@@ -8,7 +8,7 @@ from pages import HERE, read_table, write_table
 
 import nas_data as nas
 from nas_data.api.arguments import find_folder
-from nas_data.gap.plain import fit_plain_source
+from nas_data.gap.plain_source import fit_plain_source
 from nas_data.models.evaluation import evaluate
 from nas_data.runs.environment_info import find_commit
 
@@ -37,7 +37,7 @@ def list_rows(robot: str, run: Path, model: str, given: Path, kept: Path | None)
 
 
 def judge_on_kept(run: Path, model: str, given: Path, kept: Path) -> dict[str, float]:
-    """Return the open-loop errors [rad] of the given model, of a plain fit to what the run was given, and of its model."""
+    """Return open-loop errors [rad] by method; the plain fit is made of what the run was given."""
     recorded, fitted = nas.Dataset.load(kept), nas.Dataset.load(given)
     found = nas.evaluate(run / "model.xml", recorded, model=model, plain_fit=False).open_loop
     simulator = fit_plain_source(fitted, model, find_folder(fitted), print)

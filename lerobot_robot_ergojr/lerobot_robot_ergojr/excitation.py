@@ -11,7 +11,7 @@ from lerobot_robot_ergojr.config_ergojr import ErgoJrExcitationConfig
 from nas_data.dataset.features import make_position_feature
 from nas_data.excitations.base import parse
 from nas_data.hardware.xl320.joints import make_ergojr_joints
-from nas_data.recorders.arm_plan import RETURN, MotionPlan, draw_plan
+from nas_data.recorders.arm_plan import RETURN_SECONDS, MotionPlan, draw_plan
 from nas_data.recorders.session import PlaybackProtocol
 from nas_data.robots.ergojr import JOINTS, RATE, ROBOT
 
@@ -87,7 +87,7 @@ class ErgoJrExcitation(Teleoperator):
 
 def in_a_row(plan: MotionPlan) -> np.ndarray:
     """Return a plan's episodes one after the other, each followed by its first pose, in whole ticks [rad], (T, n)."""
-    rest = np.repeat(plan.poses[:, None], round(RETURN * RATE), axis=1)
+    rest = np.repeat(plan.poses[:, None], round(RETURN_SECONDS * RATE), axis=1)
     rows = np.concatenate([plan.commands, rest], axis=1).reshape(-1, plan.commands.shape[2])
     joints = make_ergojr_joints()
     return np.stack([joints.positions(joints.ticks(row)) for row in rows])

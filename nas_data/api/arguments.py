@@ -8,7 +8,7 @@ from typing import Literal
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import is_unchanged, load, with_origin
 from nas_data.errors import OptionError
-from nas_data.gap.named import Named
+from nas_data.gap.model_correction import ModelCorrection
 from nas_data.gap.report import GapReport
 from nas_data.gap.write_model import EFFECTS
 from nas_data.robots.base import TORQUES
@@ -40,7 +40,7 @@ def as_dataset(dataset: Dataset | str | Path, episodes: Sequence[int] = ()) -> D
 
 
 def find_name(dataset: Dataset) -> Path:
-    """Return what to call a dataset in reports and errors: its folder where it has one."""
+    """Return the name of a dataset in reports and errors: its folder, if it has one."""
     folder = dataset.origin.root if dataset.origin else None
     return folder or Path("dataset")
 
@@ -69,7 +69,7 @@ def as_optional_model(model: str | Path | None, actuators: Actuators) -> str | N
     return None
 
 
-def as_named(report: GapReport | str | Path) -> Named:
+def as_correction(report: GapReport | str | Path) -> ModelCorrection:
     """Return the effects and the retuned base that a gap report named.
 
     Args:
@@ -79,10 +79,10 @@ def as_named(report: GapReport | str | Path) -> Named:
         OptionError: it holds none.
     """
     if not isinstance(report, GapReport):
-        return Named.read(report)
+        return ModelCorrection.read(report)
     if EFFECTS not in report.files:
         raise OptionError(f"This report has no {EFFECTS}; give the folder that `nas gap` wrote.")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, EFFECTS)
         path.write_bytes(report.files[EFFECTS])
-        return Named.read(path)
+        return ModelCorrection.read(path)

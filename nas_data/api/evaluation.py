@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from nas_data.api.arguments import Actuators, Count, Progress, as_dataset, as_optional_model, count_aloud, find_folder
-from nas_data.api.learned import LearnedModel
+from nas_data.api.learned_model import LearnedModel
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import kept_folders
 from nas_data.errors import ModelFileError, NasError, OptionError
@@ -91,7 +91,7 @@ def is_model(learned: LearnedModel | str | Path) -> bool:
 
 
 def as_learned(learned: LearnedModel | str | Path) -> LearnedModel:
-    """Return φ or ψ, read where a folder is given.
+    """Return φ or ψ; a folder is read.
 
     Raises:
         OptionError: there is no such file or folder.
@@ -138,7 +138,7 @@ def fit_plain(
     learned: LearnedModel | None, dataset: Dataset, source: SourceModel, say: Progress
 ) -> tuple[Mapping[str, Simulator], tuple[str, ...]]:
     """Return the plain fit of a source by its name, with what it was fitted to; nothing where it cannot be made."""
-    from nas_data.gap.plain import fit_plain_source
+    from nas_data.gap.plain_source import fit_plain_source
 
     if source.effects or source.engine != MUJOCO:
         return {}, (f"no {PLAIN}: it is made of a plain model in MuJoCo",)

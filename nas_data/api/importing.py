@@ -56,13 +56,13 @@ class ImportRequest:
 
 @dataclass(frozen=True)
 class Imported:
-    """A dataset made of logs, and how it came about.
+    """A dataset made of logs, with the decisions of the import.
 
     Attributes:
         result: Dataset, provenance and findings.
-        name: What to call it where nobody says.
-        notes: What was decided, a sentence each.
-        mapped: Whether a map says what the numbers mean.
+        name: Its name, unless another is given.
+        notes: Decisions of the import, one sentence each.
+        mapped: Whether a map gave the meaning of the columns.
     """
 
     result: Import

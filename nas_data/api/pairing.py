@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from nas_data.api.arguments import Actuators, as_dataset, as_model, as_named
+from nas_data.api.arguments import Actuators, as_correction, as_dataset, as_model
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import Origin
 from nas_data.dataset.provenance import format_current_time, read_package_versions
@@ -22,7 +22,7 @@ from nas_data.sources import check_kept, collect_source_files, describe_left_out
 
 @dataclass(frozen=True, kw_only=True)
 class PairingSource:
-    """What predicts; see `pair`."""
+    """Source that predicts the next states; see `pair`."""
 
     model: str | Path
     engine: str = "mujoco"
@@ -88,7 +88,7 @@ def make_pairs(recorded: Dataset, by: PairingSource) -> Pairing:
         recorded: N transitions, as `as_dataset` returns them.
         by: What predicts.
     """
-    named = None if by.report is None else as_named(by.report)
+    named = None if by.report is None else as_correction(by.report)
     added = [parse(effect) if isinstance(effect, str) else effect for effect in by.effects]
     added += named.effects if named else ()
     model = as_model(by.model, by.actuators)

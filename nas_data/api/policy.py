@@ -72,7 +72,7 @@ def load_policy(
 
 
 def choose(folder: Path, seed: int | None) -> Policy:
-    """Return the policy of a folder, the one of a seed where there are several.
+    """Return the policy of a folder; a seed chooses among several.
 
     Raises:
         CheckpointError: there is none.

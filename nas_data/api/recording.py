@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from nas_data.api.arguments import Actuators, Progress, as_model, as_named
+from nas_data.api.arguments import Actuators, Progress, as_correction, as_model
 from nas_data.count_of import count_of
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import Origin
@@ -138,7 +138,7 @@ def make_target(
     rate = robot.rate if rate is None else rate
     if not 0 < rate <= FASTEST:
         raise OptionError(f"--rate is {rate}; it must lie above 0 and up to {FASTEST:g} Hz.")
-    named = None if report is None else as_named(report)
+    named = None if report is None else as_correction(report)
     added = [*(named.effects if named else ())]
     added += [parse_effect(effect) if isinstance(effect, str) else effect for effect in effects]
     body = named.robot(robot, robot.joints) if named else robot
@@ -146,7 +146,7 @@ def make_target(
 
 
 def make_readings(robot: Robot, noise: float, quantum: float | None, velocity_noise: float) -> Readings:
-    """Say how the sensors of a robot show its state."""
+    """Return noise and quantisation of a robot's sensors."""
     return Readings(
         noise=noise,
         quantum=robot.position_quantum if quantum is None else quantum,

@@ -16,7 +16,7 @@ from nas_data.api.arguments import (
     find_folder,
     find_name,
 )
-from nas_data.api.learned import LearnedModel
+from nas_data.api.learned_model import LearnedModel
 from nas_data.count_of import count_of
 from nas_data.dataset import versions
 from nas_data.dataset.dataset import Dataset
@@ -207,7 +207,7 @@ def check_paired(dataset: Dataset) -> None:
 def find_training_source(
     kind: Kind, dataset: Dataset, model: str | None, engine: str | None, kept_in: Sequence[Path], notes: list[str]
 ) -> tuple[Simulator | None, Mapping[str, bytes]]:
-    """Return the source and the files that keep it with the checkpoint; None, with a note, where there is none."""
+    """Return the source, and its files that are stored with the checkpoint; None and a note if it is not known."""
     try:
         simulator = find_source(model, (), dataset, kept_in, engine)
     except ModelFileError as error:

@@ -14,7 +14,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 
 from nas_data.benchmarks.result import BenchmarkResult, Ratio, Work, take_turns
-from nas_data.envs.ergo_reacher import ABOVE, ACTIVE, AHEAD, ANGLE, CENTRE, NO_LOAD_SPEED, REACHED, TASK, TIP
+from nas_data.envs.ergo_reacher import ACTIVE, ANGLE, CENTRE, MAX_Y, MAX_Z, NO_LOAD_SPEED, REACHED, TASK, TIP
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
 from nas_data.errors import OptionError
 from nas_data.models.augmented import AugmentedStepper
@@ -54,7 +54,7 @@ class GymReacher(gymnasium.Env[np.ndarray, np.ndarray]):
         self.data.qpos[:], self.data.qvel[:] = np.split(start.state, 2)
         self.goal = start.goal
         offset = start.goal - CENTRE
-        self._observation[8:] = offset[1] / AHEAD, 2.0 * offset[2] / ABOVE - 1.0
+        self._observation[8:] = offset[1] / MAX_Y, 2.0 * offset[2] / MAX_Z - 1.0
         return self._observe(), {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, object]]:
@@ -111,10 +111,10 @@ def make_dummy_vec_env(make: Callable[[], GymReacher], size: int) -> DummyVecEnv
     return DummyVecEnv([lambda: Monitor(TimeLimit(make(), TASK.horizon))] * size)
 
 
-MOST = 64  # environments of a side
+MAX_ARMS = 64  # environments of a side
 MINIBATCH = Hyperparameters().rollout // Hyperparameters().minibatches
 CORRECTION = 1e-5  # [rad, rad/s] so small that the arm moves as without φ: larger ones make the physics work more
-WANTED = {"plain_16": 0.9, "plain_64": 1.0, "naive_16": 5.0, "batched_16": 0.8}
+GOALS = {"plain_16": 0.9, "plain_64": 1.0, "naive_16": 5.0, "batched_16": 0.8}
 
 
 def benchmark(scratch: Path, frames: int, rounds: int) -> BenchmarkResult:
@@ -128,8 +128,8 @@ def benchmark(scratch: Path, frames: int, rounds: int) -> BenchmarkResult:
     Raises:
         OptionError: a rollout is too short for each environment to take a step.
     """
-    if frames < MOST:
-        raise OptionError(f"--frames is {frames}; at least {MOST} are needed, one for each environment.")
+    if frames < MAX_ARMS:
+        raise OptionError(f"--frames is {frames}; at least {MAX_ARMS} are needed, one for each environment.")
     phi, simulator = make_random_phi(), MujocoSimulator.load(TASK.robot, TASK.period, TASK.joints)
 
     def augmented(size: int) -> VecEnv:
@@ -146,7 +146,7 @@ def benchmark(scratch: Path, frames: int, rounds: int) -> BenchmarkResult:
     sides = {name: make_ppo_update(make(), frames) for name, make in environments.items()}
     ratios = [
         Ratio(f"augmented_vs_{name}", f"augmented_{name.rpartition('_')[2]}", name, wanted, "cpu")
-        for name, wanted in WANTED.items()
+        for name, wanted in GOALS.items()
     ]
     return BenchmarkResult(
         title=f"PPO on ErgoReacher, rollouts of {frames} frames with their updates; the number is that of environments",
@@ -170,7 +170,7 @@ def make_random_phi() -> DynamicsModel:
 
 
 def make_ppo_update(environment: VecEnv, frames: int) -> Work:
-    """Return a function that does one rollout and its update, and continues from there at the next call."""
+    """Return a function that does one rollout and one PPO update per call."""
     p = Hyperparameters(arms=environment.num_envs, rollout=frames, minibatches=max(1, frames // MINIBATCH))
     ppo = make_silent_ppo(VecNormalize(environment, gamma=p.discount), p, seed=0)
 

@@ -16,7 +16,7 @@ from nas_data.runs.progress import say
 ROBOT = "ergojr"
 RATE = 100.0  # [Hz]
 BATCH = 256
-WANTED = 30.0
+GOAL = 30.0
 OURS, OTHER = "nas, all frames", "DataLoader"
 
 
@@ -51,7 +51,7 @@ def benchmark(scratch: Path, episodes: int, frames: int, batches: int, rounds: i
     return BenchmarkResult(
         title=f"Loading {len(dataset)} paired frames of {ROBOT} into torch tensors",
         times=times,
-        ratios=(Ratio("loading_vs_dataloader", OURS, OTHER, WANTED),),
+        ratios=(Ratio("loading_vs_dataloader", OURS, OTHER, GOAL),),
         notes=(
             f"'{OURS}' opens the files and reads all {len(dataset)} frames; '{OTHER}' (batches of {BATCH}, no workers) "
             f"reads the first {part} of an open dataset: its time per frame stands for the rest.",

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 ROBOT = "ergojr"
 RATE = 100.0  # [Hz]
 EFFECTS = ("backlash:joint=m3,half_width=0.02", "backlash:joint=m5,half_width=0.02")
-WANTED = 8.0
+GOAL = 8.0
 ROUNDING = 1e-5  # [rad, rad/s] both play the same commands to the bit; single precision of 30 rad/s is 2e-6
 OURS, OTHER = "nas record sim + nas pair", "Gymnasium + LeRobot"
 
@@ -165,7 +165,7 @@ def benchmark(scratch: Path, episodes: int, frames: int, rounds: int) -> Benchma
     return BenchmarkResult(
         title=f"Recording {episodes} paired episodes of {frames} frames of {ROBOT} at {RATE:g} Hz into a valid dataset",
         times=times,
-        ratios=(Ratio("recording_vs_lerobot", OURS, OTHER, WANTED),),
+        ratios=(Ratio("recording_vs_lerobot", OURS, OTHER, GOAL),),
         notes=(
             f"'{OURS}' writes two versions; '{OTHER}' steps two environments and calls add_frame and save_episode. "
             "Both hold the same numbers, to rounding.",

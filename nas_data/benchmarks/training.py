@@ -23,8 +23,8 @@ PAPER = preset("paper")
 TUNED = replace(PAPER, rate=1e-3)  # what a user finds who tries the next smaller decade
 FAST = preset("fast", updates=0)
 RECIPE = replace(FAST, relative=PAPER.relative, shortcut=PAPER.shortcut)
-WANTED = 8.0
-WANTED_TUNED = 1.0
+GOAL = 8.0
+GOAL_TUNED = 1.0
 
 
 @dataclass(frozen=True)
@@ -102,8 +102,8 @@ def benchmark(scratch: Path, episodes: int, budget: int, seeds: int) -> Benchmar
         title=f"Training φ on {episodes} episodes of {ENVIRONMENT} with backlash; one column a seed",
         times=as_times(races),
         ratios=(
-            Ratio("training_vs_paper", "nas, to paper's loss", "paper", WANTED, "cpu"),
-            Ratio("training_vs_tuned", "nas, to tuned's loss", "tuned", WANTED_TUNED, "cpu"),
+            Ratio("training_vs_paper", "nas, to paper's loss", "paper", GOAL, "cpu"),
+            Ratio("training_vs_tuned", "nas, to tuned's loss", "tuned", GOAL_TUNED, "cpu"),
             Ratio("recipe_vs_paper", "recipe, to paper's loss", "paper", None, "cpu"),
         ),
         notes=tuple(f"Seed {seed}: {describe_losses(race)}" for seed, race in enumerate(races)),

@@ -23,9 +23,9 @@ from nas_data.policies.rollouts.recorded import Recorder, Saved, saved_as
 from nas_data.policies.rollouts.robot_stepper import RobotStepper, RolloutTally
 from nas_data.policies.rollouts.rollout import EvaluationPlan, roll_out_on_arm
 from nas_data.recorders.guarded import Setup
+from nas_data.recorders.recording_folder import SAVING
 from nas_data.recorders.schedule import MonotonicClock, SteppedClock
 from nas_data.recorders.stopping import stop_on_signals
-from nas_data.recorders.under_way import SAVING
 from nas_data.runs.progress import Counting, say
 
 if TYPE_CHECKING:

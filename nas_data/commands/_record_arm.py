@@ -98,7 +98,7 @@ class RecordArm(Command):
         from nas_data.dataset.incremental_writer import IncrementalWriter
         from nas_data.dataset.versions import check_destination
         from nas_data.dataset.write_lock import hold_write_lock
-        from nas_data.recorders.under_way import choose_recording_folder
+        from nas_data.recorders.recording_folder import choose_recording_folder
 
         protocol, step = self._protocol(), self.step
         task = self.commands.stem if self.commands else protocol.excitation.name()
@@ -144,7 +144,7 @@ class RecordArm(Command):
         """
         from nas_data.recorders.arm import PLAN
         from nas_data.recorders.arm_plan import MotionPlan, draw_plan, plan_key
-        from nas_data.recorders.under_way import make_other_recording_error
+        from nas_data.recorders.recording_folder import make_other_recording_error
 
         if not growing.episodes:
             return draw_plan(robot, protocol, self.rate, self.speed, Counting("planned"))
@@ -161,7 +161,7 @@ class RecordArm(Command):
         from nas_data.dataset.provenance import read_provenance
         from nas_data.dataset.read import read
         from nas_data.recorders.arm_tally import RecordingQuality, RecordingStats
-        from nas_data.recorders.under_way import complete
+        from nas_data.recorders.recording_folder import complete
 
         dataset, provenance = read(growing.root), read_provenance(growing.root)
         assert provenance is not None

@@ -13,11 +13,11 @@ from nas_data.runs.progress import report_elapsed, say
 
 if TYPE_CHECKING:
     from nas_data.models.presets import TrainingOptions
-    from nas_data.studies.ablation.material import Amount
     from nas_data.studies.ablation.sweep import SweepPlan
+    from nas_data.studies.ablation.sweep_data import Amount
 
 HEARTBEAT = 30.0  # [s] between two signs of life while trials run
-USUAL = (10, 25, 50, 100, 250, 500, 1000)  # training episodes, as far as they reach
+DEFAULT_COUNTS = (10, 25, 50, 100, 250, 500, 1000)  # training episodes, as far as they reach
 QUICK = {"hidden": 32, "layers": 1, "updates": 40, "horizon": 60, "frames": 1600}  # a trial in seconds
 
 
@@ -111,8 +111,8 @@ class Ablate(TakesModel):
     def _plan(self) -> "SweepPlan":
         """Read the options."""
         from nas_data.dataset import versions
-        from nas_data.studies.ablation.material import SweepData, split_words
         from nas_data.studies.ablation.sweep import SweepPlan
+        from nas_data.studies.ablation.sweep_data import SweepData, split_words
 
         test = versions.resolve(self.test) if self.test else None
         material = SweepData(versions.resolve(self.dataset), test, self.actuated(self.model), self.engine, self.effects)
@@ -132,14 +132,14 @@ class Ablate(TakesModel):
         """Return how much each trial learns from; `all` episodes as their number, so that no trial is done twice."""
         from dataclasses import replace
 
-        from nas_data.studies.ablation.material import divide, parse
+        from nas_data.studies.ablation.sweep_data import divide, parse
 
         if self.counts and self.minutes:
             raise OptionError("Give either --counts or --minutes, not both.")
         if self.minutes:
             return parse(self.minutes, "minutes")
         there = episodes if self.test else len(divide(episodes, self.held_out, 0)[0])
-        usual = (*(str(count) for count in USUAL if count < there), "all")
+        usual = (*(str(count) for count in DEFAULT_COUNTS if count < there), "all")
         amounts = parse(self.counts or usual, "episodes")
         return tuple(sorted({replace(a, value=float(there)) if a.is_all else a for a in amounts}))
 

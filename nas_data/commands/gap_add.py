@@ -11,7 +11,7 @@ from nas_data.commands.base import CommandResult
 from nas_data.runs.progress import report_heartbeat, say
 
 if TYPE_CHECKING:
-    from nas_data.gap.named import Named
+    from nas_data.gap.model_correction import ModelCorrection
     from nas_data.gap.nominal import Nominal
 
 
@@ -37,7 +37,7 @@ class GapAdd(TakesModel):
     def run(self) -> CommandResult:
         """Write and score."""
         from nas_data.gap.compose import measure_gap
-        from nas_data.gap.named import Named
+        from nas_data.gap.model_correction import ModelCorrection
         from nas_data.gap.output_folder import check_model
         from nas_data.gap.problem import Problem
         from nas_data.gap.score_model import score_model
@@ -47,7 +47,7 @@ class GapAdd(TakesModel):
         check_model(self.out, self.model)
         with report_heartbeat("writing and judging the model"):
             problem = Problem.load(self.dataset, self.actuated(self.model))
-            named = Named.read(self.effects)
+            named = ModelCorrection.read(self.effects)
             final = FinalFit(named.effects, named.retuned, ())
             self.out.mkdir(parents=True, exist_ok=True)
             outcome = score_model(problem, final, FinalFit((), {}, ()), FinalFit((), {}, ()), self.out)
@@ -67,7 +67,7 @@ class GapAdd(TakesModel):
             text += f"\n{data['exported']}"
         return CommandResult(text, data)
 
-    def _export(self, nominal: "Nominal", named: "Named") -> Path:
+    def _export(self, nominal: "Nominal", named: "ModelCorrection") -> Path:
         """Write the parameters, and say on stderr what the format does not hold."""
         from nas_data.gap.exporting.bam import write_bam
         from nas_data.gap.exporting.csv_table import write_table

@@ -105,9 +105,9 @@ class PolicyTrain(Command):
         plant.check()  # says what is wrong before anything is written
         if self.checkpoint is not None:
             from nas_data.models.augmented import require_kind
-            from nas_data.models.checkpoint import find_checkpoint, load_frozen
+            from nas_data.models.checkpoint import find_checkpoint, load_for_inference
 
             require_kind(
-                load_frozen(find_checkpoint(self.checkpoint)), "delta" if self.on == "augmented" else "forward"
+                load_for_inference(find_checkpoint(self.checkpoint)), "delta" if self.on == "augmented" else "forward"
             )
         return [PolicyTraining(plant=plant, seed=seed, frames=self.frames) for seed in self.seed]

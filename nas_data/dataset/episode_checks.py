@@ -11,7 +11,7 @@ from nas_data.dataset import layout
 from nas_data.dataset.checks import LARGEST
 from nas_data.dataset.features import Feature
 from nas_data.dataset.parquet import read_parquet
-from nas_data.dataset.read_damaged import Salvage
+from nas_data.dataset.read_damaged import ReadableRows
 from nas_data.errors import DatasetInvalid
 
 TOLERANCE = 1e-4  # share of a value; LeRobot's statistics pass through float32
@@ -34,7 +34,7 @@ class EpisodeEntry:
 
 
 def find_untrusted(
-    found: Salvage, features: Mapping[str, Feature], known: Mapping[int, EpisodeEntry]
+    found: ReadableRows, features: Mapping[str, Feature], known: Mapping[int, EpisodeEntry]
 ) -> dict[int, str]:
     """Return the episodes that fail a check, with the reason.
 
@@ -70,7 +70,7 @@ def read_episode_table(root: Path, features: Mapping[str, Feature]) -> dict[int,
     return found
 
 
-def _find_wrong_rows(found: Salvage, features: Mapping[str, Feature]) -> Iterator[tuple[int, str]]:
+def _find_wrong_rows(found: ReadableRows, features: Mapping[str, Feature]) -> Iterator[tuple[int, str]]:
     """Find episodes with missing or repeated frames, or with values that are not finite."""
     episode_of = found.row_episodes()
     starts = np.cumsum(found.lengths) - found.lengths
@@ -86,14 +86,14 @@ def _find_wrong_rows(found: Salvage, features: Mapping[str, Feature]) -> Iterato
                 yield episode, f"has values of '{key}' that are not finite"
 
 
-def _find_wrong_lengths(found: Salvage, known: Mapping[int, EpisodeEntry]) -> Iterator[tuple[int, str]]:
+def _find_wrong_lengths(found: ReadableRows, known: Mapping[int, EpisodeEntry]) -> Iterator[tuple[int, str]]:
     """Find episodes whose number of frames differs from `meta/episodes`."""
     for episode, length in zip(found.episodes.tolist(), found.lengths.tolist(), strict=True):
         if episode in known and known[episode].length != length:
             yield episode, f"has {count_of(length, 'frame')}, meta/episodes promises {known[episode].length}"
 
 
-def _find_wrong_values(found: Salvage, known: Mapping[int, EpisodeEntry]) -> Iterator[tuple[int, str]]:
+def _find_wrong_values(found: ReadableRows, known: Mapping[int, EpisodeEntry]) -> Iterator[tuple[int, str]]:
     """Find episodes whose values contradict the statistics in `meta/episodes`."""
     starts = np.cumsum(found.lengths) - found.lengths
     for key, column in found.columns.items():

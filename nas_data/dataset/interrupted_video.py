@@ -20,7 +20,7 @@ SHORT, LARGE = 4, 16  # [bytes] of the size of a box in an MP4 file; of a header
 
 
 class FilmedSource(PassthroughSource):
-    """A dataset with salvaged rows whose only pass-through features are videos."""
+    """A dataset with rescued rows whose only pass-through features are videos."""
 
     def __init__(self, root: Path, episodes: np.ndarray, lengths: np.ndarray, fps: float) -> None:
         """Find the episodes in the videos.

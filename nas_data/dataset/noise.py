@@ -9,10 +9,10 @@ from numpy.lib.stride_tricks import sliding_window_view
 SMALLEST = 1e-5  # [rad] below which no floor makes sense: float32 and solver tolerances
 # Of the differences in which noise shows: rounding alone looks like more in even ones; the higher, the less motion
 ODD, ORDERS = (3, 5), (4, 5, 6, 8)
-NORMAL = 1.4826  # standard deviation over median absolute deviation of a normal distribution
+DEVIATION_PER_MAD = 1.4826  # standard deviation over median absolute deviation of a normal distribution
 STRETCH, END, FAR = 16, 4, 4.0  # readings in which a joint moves, at either end of them, and how many steps it moves
-FEWEST = 50  # such stretches from which noise can be told
-ENOUGH = 10  # different repeated readings from which a quantum can be told
+MIN_STRETCHES = 50  # such stretches from which noise can be told
+MIN_READINGS = 10  # different repeated readings from which a quantum can be told
 MULTIPLES = 1e-3  # how near readings must lie to multiples of a quantum, as a share of it
 
 
@@ -35,12 +35,12 @@ def estimate_noise(readings: Sequence[np.ndarray], order: int, step: float = 0.0
         long = [sliding_window_view(row, STRETCH) for row in readings if len(row) >= STRETCH]
         stretches = np.concatenate([np.empty((0, STRETCH)), *long])
         moved = np.abs(stretches[:, -END:].mean(axis=1) - stretches[:, :END].mean(axis=1)) > FAR * step
-        if moved.sum() >= FEWEST:
+        if moved.sum() >= MIN_STRETCHES:
             first = (STRETCH - order) // 2
             sizes = np.abs(np.diff(stretches[moved, first : first + order + 1], order, axis=1)[:, 0])
     if not len(sizes):
         return float(np.inf)
-    return NORMAL * median(sizes, step) / float(np.sqrt(comb(2 * order, order)))
+    return DEVIATION_PER_MAD * median(sizes, step) / float(np.sqrt(comb(2 * order, order)))
 
 
 def median(sizes: np.ndarray, step: float) -> float:
@@ -64,7 +64,7 @@ def estimate_resolution(readings: Sequence[np.ndarray]) -> float:
     few to show a step, all readings are used.
     """
     plateaus = np.concatenate([row[1:][np.diff(row) == 0] for row in readings])
-    step = find_quantisation_step(plateaus) if len(np.unique(plateaus)) >= ENOUGH else 0.0
+    step = find_quantisation_step(plateaus) if len(np.unique(plateaus)) >= MIN_READINGS else 0.0
     return step or find_quantisation_step(np.concatenate(readings))
 
 

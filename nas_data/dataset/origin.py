@@ -18,6 +18,7 @@ from nas_data.dataset.checks import check_finite
 from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import make_unknown_provenance, read_attachments
+from nas_data.dataset.external import audit_external, format_warnings
 from nas_data.dataset.features import (
     ACTION,
     EFFORT,
@@ -31,7 +32,6 @@ from nas_data.dataset.features import (
     make_state_feature,
     make_time_feature,
 )
-from nas_data.dataset.foreign import audit_external, format_warnings
 from nas_data.dataset.joints import REMEDY
 from nas_data.dataset.layout import PROVENANCE
 from nas_data.dataset.provenance import Parent, Provenance, format_current_time, read_package_versions, read_provenance

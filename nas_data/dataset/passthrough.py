@@ -36,13 +36,13 @@ class PassthroughFeatures:
     Attributes:
         roots: Source datasets; they have the same pass-through features.
         rows: Source row of each frame, counted over the episodes of all roots in order, shape (N,).
-        salvaged: Replaces the only root if its own files do not locate the episodes.
+        rescued_source: Replaces the only root if its own files do not locate the episodes.
         kept: The features that are passed through; None for all that the first root has.
     """
 
     roots: tuple[Path, ...]
     rows: np.ndarray
-    salvaged: PassthroughSource | None = None
+    rescued_source: PassthroughSource | None = None
     kept: tuple[str, ...] | None = None
 
     @classmethod
@@ -54,7 +54,7 @@ class PassthroughFeatures:
 
     @classmethod
     def rescued(
-        cls, root: Path, episodes: Sequence[int], lengths: np.ndarray, salvaged: PassthroughSource | None = None
+        cls, root: Path, episodes: Sequence[int], lengths: np.ndarray, rescued_source: PassthroughSource | None = None
     ) -> "PassthroughFeatures | None":
         """Return the pass-through features of undamaged episodes in a damaged dataset.
 
@@ -62,7 +62,7 @@ class PassthroughFeatures:
             root: The damaged dataset; its `meta/info.json` is whole.
             episodes: Numbers of the episodes.
             lengths: Frames of each episode, shape (E,).
-            salvaged: Locates the episodes if the dataset does not.
+            rescued_source: Locates the episodes if the dataset does not.
 
         Raises:
             DatasetInvalid: a feature of an episode cannot be read.
@@ -70,7 +70,7 @@ class PassthroughFeatures:
         found = cls.of(root, 0)
         if found is None:
             return None
-        found = replace(found, salvaged=salvaged)
+        found = replace(found, rescued_source=rescued_source)
         (source,) = found._sources
         starts = np.array(
             [source.first_row(episode, length) for episode, length in zip(episodes, lengths, strict=True)]
@@ -212,7 +212,7 @@ class PassthroughFeatures:
 
     @cached_property
     def _sources(self) -> tuple[PassthroughSource, ...]:
-        return (self.salvaged,) if self.salvaged else tuple(PassthroughSource(root) for root in self.roots)
+        return (self.rescued_source,) if self.rescued_source else tuple(PassthroughSource(root) for root in self.roots)
 
     def _find_source(self, row: int) -> tuple[PassthroughSource, int]:
         """Return the source of a row, and the row number in it."""

@@ -22,7 +22,7 @@ from nas_data.errors import DatasetInvalid
 
 
 @dataclass(frozen=True)
-class Salvage:
+class ReadableRows:
     """The readable rows.
 
     Attributes:
@@ -42,7 +42,7 @@ class Salvage:
         return np.repeat(np.arange(len(self.episodes)), self.lengths)
 
 
-def read_damaged_files(root: Path, info: DatasetInfo, provenance: Provenance | None) -> Salvage:
+def read_damaged_files(root: Path, info: DatasetInfo, provenance: Provenance | None) -> ReadableRows:
     """Read the readable part of every data file.
 
     Args:
@@ -60,7 +60,7 @@ def read_damaged_files(root: Path, info: DatasetInfo, provenance: Provenance | N
     order = np.argsort(columns["episode_index"][:, 0], kind="stable")
     columns = {key: column[order] for key, column in columns.items()}
     episodes, lengths = np.unique(columns["episode_index"], return_counts=True)
-    return Salvage(columns, episodes, lengths.astype(np.int64), tuple(reader.notes))
+    return ReadableRows(columns, episodes, lengths.astype(np.int64), tuple(reader.notes))
 
 
 @dataclass

@@ -20,7 +20,7 @@ from nas_data.dataset.interrupted_video import FilmedSource
 from nas_data.dataset.passthrough import PassthroughFeatures
 from nas_data.dataset.provenance import Parent, Provenance, format_current_time, read_package_versions, read_provenance
 from nas_data.dataset.read import Rows, find_episode_tasks, frame_tasks, read, read_tasks
-from nas_data.dataset.read_damaged import Salvage, read_damaged_files
+from nas_data.dataset.read_damaged import ReadableRows, read_damaged_files
 from nas_data.dataset.staging import MARK, find_leftovers
 from nas_data.dataset.verify import METADATA, VerifyInput
 from nas_data.dataset.versions import VERSION, find_home
@@ -150,7 +150,7 @@ def _try_read_provenance(root: Path) -> tuple[Provenance | None, list[str]]:
         return None, [f"{layout.PROVENANCE} is damaged: where the dataset comes from is lost"]
 
 
-def _describe_lost_episodes(found: Salvage, whole: Sequence[int], promised: int) -> list[str]:
+def _describe_lost_episodes(found: ReadableRows, whole: Sequence[int], promised: int) -> list[str]:
     """Return sentences on episodes without rows, and on episodes missing from the metadata."""
     reports = []
     present = found.episodes[found.episodes >= 0].tolist()
@@ -195,7 +195,7 @@ def _is_whole(root: Path, provenance: Provenance | None) -> bool:
         return False
 
 
-def _build_dataset(info: DatasetInfo, found: Salvage, kept: Sequence[int], tasks: Mapping[int, str]) -> Dataset:
+def _build_dataset(info: DatasetInfo, found: ReadableRows, kept: Sequence[int], tasks: Mapping[int, str]) -> Dataset:
     """Return the recovered episodes."""
     places = np.flatnonzero(np.isin(found.episodes, kept))
     rows = np.flatnonzero(np.isin(found.row_episodes(), places))
@@ -211,7 +211,7 @@ def _build_dataset(info: DatasetInfo, found: Salvage, kept: Sequence[int], tasks
 
 
 def _recover_passthrough(
-    root: Path, info: DatasetInfo, found: Salvage, kept: Sequence[int], lengths: np.ndarray, described: bool
+    root: Path, info: DatasetInfo, found: ReadableRows, kept: Sequence[int], lengths: np.ndarray, described: bool
 ) -> tuple[PassthroughFeatures | None, list[str]]:
     """Return the pass-through features of the recovered episodes, or the reason why they are left out."""
     keys = info.other_features
@@ -238,7 +238,7 @@ def _reason(error: DatasetInvalid) -> str:
     return str(error).partition(";")[0].rstrip(".")
 
 
-def _recover_tasks(root: Path, found: Salvage, known: Mapping[int, EpisodeEntry]) -> dict[int, str]:
+def _recover_tasks(root: Path, found: ReadableRows, known: Mapping[int, EpisodeEntry]) -> dict[int, str]:
     """Return the task of each episode, from the task table or else from the episode table."""
     try:
         names = read_tasks(root)
@@ -251,7 +251,7 @@ def _recover_tasks(root: Path, found: Salvage, known: Mapping[int, EpisodeEntry]
     }
 
 
-def _frame_tasks(root: Path, found: Salvage, kept: Sequence[int]) -> np.ndarray | None:
+def _frame_tasks(root: Path, found: ReadableRows, kept: Sequence[int]) -> np.ndarray | None:
     """Return the task of each recovered frame; None if each episode has a single one, or the task table is lost."""
     try:
         names = read_tasks(root)

@@ -15,15 +15,17 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.noise import ODD, ORDERS, estimate_noise, estimate_resolution
 from nas_data.dataset.transitions import estimate_velocities
 
-CLEAR = 5.0  # standard deviations of a significant velocity; noise exceeds them once in two million readings
-SLOW = 0.05  # share of a joint's large speed; a slower derived velocity may belong to a start from rest
-CUT = 1 / 3  # share of episodes in motion from which all count as cut out of motions
+SIGNIFICANT_DEVIATIONS = (
+    5.0  # standard deviations of a significant velocity; noise exceeds them once in two million readings
+)
+SLOW_SHARE = 0.05  # share of a joint's large speed; a slower derived velocity may belong to a start from rest
+CUT_EPISODE_SHARE = 1 / 3  # share of episodes in motion from which all count as cut out of motions
 LONGEST = 0.15  # [s] longest fit; a hobby arm's motion has hardly any frequency above 3 Hz
 WIDTHS = (4, 5, 7, 10, 14, 20, 28, 40, 56, 80, 112, 160)  # number of readings in a fit
-SAME = 1e-4  # share of a joint's largest speed; rounding error of position differences in single precision
-EDGE = 2  # rows at either end of an episode in which difference formulas lack a neighbour
-LARGE = 98  # percentile of the speeds that counts as a large speed
-SINGLE = 6e-8  # relative rounding of a stored position
+ROUNDING_SHARE = 1e-4  # share of a joint's largest speed; rounding error of position differences in single precision
+EDGE_ROWS = 2  # rows at either end of an episode in which difference formulas lack a neighbour
+LARGE_PERCENTILE = 98  # percentile of the speeds that counts as a large speed
+SINGLE_PRECISION = 6e-8  # relative rounding of a stored position
 
 
 @dataclass(frozen=True)
@@ -72,9 +74,9 @@ def find_start_velocities(dataset: Dataset) -> StartVelocities:
     rest = np.zeros((dataset.n_episodes, 1), bool)  # episodes that the recorder reports at rest
     rest[begun] = [[not rows[0].any()] for rows in velocities]
     values, deviations = np.where(rest, 0.0, values), np.where(rest, 0.0, deviations)
-    least = np.where(derived, SLOW * compute_large_speeds(positions, dataset.fps), 0.0)
-    moving = np.abs(values) > np.maximum(CLEAR * deviations, least)
-    if dataset.commands_positions and moving.any(axis=1).sum() < max(CUT * len(begun), 1):
+    least = np.where(derived, SLOW_SHARE * compute_large_speeds(positions, dataset.fps), 0.0)
+    moving = np.abs(values) > np.maximum(SIGNIFICANT_DEVIATIONS * deviations, least)
+    if dataset.commands_positions and moving.any(axis=1).sum() < max(CUT_EPISODE_SHARE * len(begun), 1):
         values, deviations = np.where(moving, values, 0.0), np.where(moving, deviations, 0.0)
     return StartVelocities(values, deviations, derived, noise)
 
@@ -91,7 +93,7 @@ def estimate_position_noise(positions: Sequence[np.ndarray]) -> np.ndarray:
         readings = [rows[:, joint] for rows in positions]
         step, largest = estimate_resolution(readings), max(float(np.abs(row).max()) for row in readings)
         noise = min(estimate_noise(readings, order, step) for order in (*ODD, *ORDERS))
-        found.append(max(step / np.sqrt(12.0), SINGLE * largest, noise if np.isfinite(noise) else 0.0))
+        found.append(max(step / np.sqrt(12.0), SINGLE_PRECISION * largest, noise if np.isfinite(noise) else 0.0))
     return np.array(found)
 
 
@@ -154,7 +156,7 @@ def compute_large_speeds(positions: Sequence[np.ndarray], fps: float) -> np.ndar
     steps = [np.abs(rows[reach:] - rows[:-reach]) for rows in positions if len(rows) > reach]
     if not steps:
         return np.zeros(positions[0].shape[1] if positions else 0)
-    return np.asarray(np.percentile(np.concatenate(steps), LARGE, axis=0) * fps / reach)
+    return np.asarray(np.percentile(np.concatenate(steps), LARGE_PERCENTILE, axis=0) * fps / reach)
 
 
 def estimate_velocity_noise(velocities: Sequence[np.ndarray], effort: bool) -> float:
@@ -184,9 +186,12 @@ def detect_derived_velocities(
     largest = np.max([np.abs(rows).max(axis=0) for rows in velocities], axis=0)
     same = np.ones((4, len(largest)), bool)
     for rows, speeds in zip(positions, velocities, strict=True):
-        if len(rows) > 2 * EDGE and same.any():
-            inner = slice(EDGE, len(rows) - EDGE)
-            same &= np.abs(compute_candidate_velocities(rows, fps) - speeds)[:, inner].max(axis=1) <= SAME * largest
+        if len(rows) > 2 * EDGE_ROWS and same.any():
+            inner = slice(EDGE_ROWS, len(rows) - EDGE_ROWS)
+            same &= (
+                np.abs(compute_candidate_velocities(rows, fps) - speeds)[:, inner].max(axis=1)
+                <= ROUNDING_SHARE * largest
+            )
     return np.asarray(same.any(axis=0))
 
 

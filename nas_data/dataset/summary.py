@@ -8,8 +8,8 @@ import numpy as np
 
 from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.external import audit_external
 from nas_data.dataset.features import ACTION, EFFORT, POSITION, STATE, VELOCITY, Feature
-from nas_data.dataset.foreign import audit_external
 from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read

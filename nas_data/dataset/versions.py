@@ -17,7 +17,12 @@ from nas_data.dataset.write import fill, write
 from nas_data.errors import DatasetInvalid, DatasetNotFound, OptionError
 
 FOLDER = Path("datasets")
-CARRYING = ("data/", "videos/", "meta/episodes/", INFO)  # where pass-through features and their places are stored
+PASSTHROUGH_FILES = (
+    "data/",
+    "videos/",
+    "meta/episodes/",
+    INFO,
+)  # where pass-through features and their places are stored
 VERSION = re.compile(r"v(\d+)-([0-9a-f]{8})")
 
 
@@ -239,7 +244,7 @@ def _find_same_version(
     def identity(hashes: Mapping[str, str]) -> dict[str, str]:
         # equal rows with another source are another version
         source = {name: hashes[name] for name in (SOURCE, SOURCE_EFFECTS) if name in hashes}
-        stored = {name: value for name, value in hashes.items() if name.startswith(CARRYING)}
+        stored = {name: value for name, value in hashes.items() if name.startswith(PASSTHROUGH_FILES)}
         return source | (stored if carries else {})
 
     for path in reversed(list_versions(home)):

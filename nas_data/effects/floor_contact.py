@@ -15,7 +15,7 @@ from nas_data.mjcf.unique_name import make_unique_name
 
 NAME = "floor_contact"
 TIME_CONSTANT = 0.005  # [s] of the contact; an arm that presses with 100 m/s² then sinks in by 0.1 mm
-CLEARLY = 0.002  # [m] by which commanded poses must be lower than measured ones, so that a floor is tried
+MIN_HEIGHT_DIFFERENCE = 0.002  # [m] by which commanded poses must be lower than measured ones, so that a floor is tried
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +38,7 @@ class FloorContact(Effect):
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
         """The lowest measured point of the arm, if it was commanded to go lower."""
         measured, commanded = scales.depth, scales.commanded_depth
-        return ({"depth": measured},) if 0 < measured < commanded - CLEARLY else ()
+        return ({"depth": measured},) if 0 < measured < commanded - MIN_HEIGHT_DIFFERENCE else ()
 
     @classmethod
     def vanishing_value(cls, scales: Scales) -> float:

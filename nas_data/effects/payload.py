@@ -13,7 +13,7 @@ from nas_data.mjcf.unique_name import make_unique_name
 from nas_data.robots.base import find_deepest_joint, list_actuated_joints
 
 NAME = "payload"
-NEAR = 0.05  # [m] typical distance of a payload from the last link's centre of mass
+TYPICAL_DISTANCE = 0.05  # [m] typical distance of a payload from the last link's centre of mass
 RADIUS = 0.005  # [m] of the sphere, which gives the body the inertia that MuJoCo requires
 
 
@@ -28,7 +28,7 @@ class Payload(Effect):
 
     parameters: ClassVar = (
         Parameter("mass", "kg", 0.0, 100.0, 0.0),
-        *(Parameter(axis, "m", -0.5, 0.5, 0.0, spread=NEAR) for axis in "xyz"),
+        *(Parameter(axis, "m", -0.5, 0.5, 0.0, spread=TYPICAL_DISTANCE) for axis in "xyz"),
     )
     whole_arm: ClassVar = True
     per_joint: ClassVar = False

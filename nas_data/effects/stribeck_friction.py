@@ -12,7 +12,7 @@ from nas_data.effects.edits.holding import stiffen_friction
 from nas_data.effects.edits.passive import add_passive
 from nas_data.mjcf.unique_name import make_unique_name
 
-REST = 1e-3  # share of the bristles' friction that remains at speed; MuJoCo divides by it
+KINETIC_SHARE = 1e-3  # share of the bristles' friction that remains at speed; MuJoCo divides by it
 STIFF = 2.0  # stiffness · timestep² / inertia: at 1 a load may break them away too early, at 4 they oscillate
 
 
@@ -81,5 +81,5 @@ def add_bristles(spec: mujoco.MjSpec, joint: str, torque: float, velocity: float
     """
     model = spec.compile()
     inertia = 1 / float(model.dof_invweight0[model.joint(joint).dofadr[0]])  # at the reference posture [kg·m²]
-    lugre = np.array([STIFF * inertia / spec.option.timestep**2, 0.0, REST * torque, torque, velocity])
+    lugre = np.array([STIFF * inertia / spec.option.timestep**2, 0.0, KINETIC_SHARE * torque, torque, velocity])
     add_passive(spec, make_unique_name(spec.actuator, f"{joint}_stribeck"), mujoco.mjtTrn.mjTRN_JOINT, joint, lugre)

@@ -14,7 +14,7 @@ from nas_data.errors import UnknownName
 from nas_data.simulators.base import Simulator, Stepper
 
 if TYPE_CHECKING:
-    from nas_data.gap.named import Named
+    from nas_data.gap.model_correction import ModelCorrection
     from nas_data.robots.base import Edit, Robot
 
 SOURCE = "source"
@@ -119,7 +119,9 @@ class Task:
             raise UnknownName("dynamics", dynamics, self.dynamics)
         return tuple(parse(text) for text in self.dynamics[dynamics])
 
-    def simulator(self, dynamics: str = SOURCE, named: "Named | None" = None, engine: str = "mujoco") -> Simulator:
+    def simulator(
+        self, dynamics: str = SOURCE, named: "ModelCorrection | None" = None, engine: str = "mujoco"
+    ) -> Simulator:
         """Return the simulator of a dynamics, with the effects and parameters of a gap report.
 
         Raises:

@@ -22,8 +22,8 @@ TIP = "tip"  # site at the end of the pen holder
 # Goals as in the authors' environment: the part of a ring about a point near the shoulder that lies ahead and above.
 CENTRE = np.array([0.0, 0.0369, 0.0437])  # [m]
 RING = (0.1, 0.2022)  # [m] smallest and largest distance of a goal from the centre
-AHEAD = 0.2022  # [m] largest y offset
-ABOVE = 0.2610  # [m] largest z offset, before the limit by the ring
+MAX_Y = 0.2022  # [m] largest y offset
+MAX_Z = 0.2610  # [m] largest z offset, before the limit by the ring
 REACHED = 0.016  # [m] distance at which the goal counts as reached
 
 OBSERVED_ANGLE = 1.5  # bound of observed angles in units of ANGLE: play and overshoot go a little beyond 1
@@ -50,7 +50,7 @@ class ErgoReacher(Task):
         state[ACTIVE] = rng.uniform(-START_ANGLE, START_ANGLE, len(ACTIVE))
         offset = np.zeros(3)
         while not RING[0] <= np.hypot(offset[1], offset[2]) <= RING[1]:
-            offset[1:] = rng.uniform(0.0, (AHEAD, ABOVE))
+            offset[1:] = rng.uniform(0.0, (MAX_Y, MAX_Z))
         return Start(state=state, goal=CENTRE + offset)
 
     def command(self, actions: np.ndarray) -> np.ndarray:
@@ -66,8 +66,8 @@ class ErgoReacher(Task):
         observations = np.empty((len(states), 10), dtype=np.float32)
         observations[:, :4] = states[:, ACTIVE] / ANGLE
         observations[:, 4:8] = states[:, len(JOINTS) + ACTIVE] / NO_LOAD_SPEED
-        observations[:, 8] = offset[:, 1] / AHEAD
-        observations[:, 9] = 2.0 * offset[:, 2] / ABOVE - 1.0
+        observations[:, 8] = offset[:, 1] / MAX_Y
+        observations[:, 9] = 2.0 * offset[:, 2] / MAX_Z - 1.0
         return np.clip(observations, self.observation_space.low, self.observation_space.high)
 
     def judge(self, stepper: Stepper, goals: np.ndarray, actions: np.ndarray) -> StepResult:

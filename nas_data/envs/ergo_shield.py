@@ -18,8 +18,10 @@ ANGLE = np.pi / 2  # [rad] command at action 1, and the unit of observed angles
 NO_LOAD_SPEED = 11.9  # [rad/s] at 7.4 V, XL-320 e-manual (114 rpm); the unit of observed velocities
 OBSERVED_ANGLE = 1.5  # bound of observed angles in units of ANGLE: play and overshoot go a little beyond 1
 
-GUARD = np.radians([45.0, 15.0, 15.0, 22.5, 15.0, 15.0])  # [rad] the defender's poses lie within ± this, appendix B
-PATIENCE = 250  # control steps after which the defender takes another pose, 2.5 s in the authors' environment
+DEFENDER_RANGE = np.radians(
+    [45.0, 15.0, 15.0, 22.5, 15.0, 15.0]
+)  # [rad] the defender's poses lie within ± this, appendix B
+DEFENDER_PERIOD = 250  # control steps after which the defender takes another pose, 2.5 s in the authors' environment
 POSES = 32  # poses drawn for an episode, taken up again from the first after the last
 SAMPLES = 31  # points along the sword, 5 mm apart, for the hit test
 
@@ -74,7 +76,7 @@ class ErgoShield(Task):
 
     def start(self, rng: np.random.Generator) -> Start:
         """Start at zero; draw the defender's poses [rad], and start it in the first one."""
-        poses = rng.uniform(-GUARD, GUARD, (POSES, len(JOINTS)))
+        poses = rng.uniform(-DEFENDER_RANGE, DEFENDER_RANGE, (POSES, len(JOINTS)))
         # initialised as touching: a first contact counts only after the sword was clear of the shield
         memory = np.concatenate([[1.0, 0.0, 0.0, 0.0, 0.0], poses.ravel(), rng.random(POSES)])
         return Start(state=np.zeros(2 * len(JOINTS)), goal=memory, objects=make_rest_states(poses[:1])[0])
@@ -98,7 +100,7 @@ class ErgoShield(Task):
         hit = new & (select_random_numbers(goals) >= self.missed)
         goals[:, TOUCHING], goals[:, HIT] = touching, hit
         goals[:, HITS] += hit
-        due = ~hit & (elapsed % PATIENCE == 0)
+        due = ~hit & (elapsed % DEFENDER_PERIOD == 0)
         goals[hit | due, POSE] += 1
         parted, moved = np.flatnonzero(hit), np.flatnonzero(due)
         if len(parted):

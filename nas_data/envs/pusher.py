@@ -18,7 +18,7 @@ GRIPPER = "gripper"  # site at the fork's centre of mass
 START_ANGLE = 0.1  # [rad] joints start within ± this, at rest
 PUCK = ((0.3, 1.2), (-1.0, -0.4))  # [m] ranges of its first x and y, the authors' environment
 GOAL = ((0.8, 1.2), (-1.2, -0.8))  # [m] of the goal's x and y, likewise
-APART = 0.45  # [m] least first distance of puck and goal, likewise
+MIN_GOAL_DISTANCE = 0.45  # [m] least first distance of puck and goal, likewise
 PUCK_HEIGHT, GOAL_HEIGHT = -0.1, -0.145  # [m] the authors' distances are taken in space
 REACHED = 0.17  # [m] radius of the authors' goal disc
 
@@ -44,7 +44,7 @@ class Pusher(Task):
         state = np.zeros(2 * len(JOINTS))
         state[: len(JOINTS)] = rng.uniform(-START_ANGLE, START_ANGLE, len(JOINTS))
         puck, goal = draw_place(rng, PUCK), draw_place(rng, GOAL)
-        while np.hypot(*(puck - goal)) <= APART:
+        while np.hypot(*(puck - goal)) <= MIN_GOAL_DISTANCE:
             puck, goal = draw_place(rng, PUCK), draw_place(rng, GOAL)
         return Start(state=state, goal=goal, objects=np.array([puck[1], puck[0], 0.0, 0.0]))
 

@@ -18,7 +18,7 @@ TIP = "tip"  # site at the paddle's centre of mass
 START_SPEED = 0.1  # [rad/s] joints start at zero with speeds within ± this, the authors' environment
 BALL = np.array([0.5, -0.175])  # [m] initial x and y, likewise
 GOAL = ((0.15, 0.7), (0.1, 1.0))  # [m] ranges of the goal's x and y, likewise
-APART = 0.17  # [m] least first distance of ball and goal, likewise
+MIN_GOAL_DISTANCE = 0.17  # [m] least first distance of ball and goal, likewise
 BALL_HEIGHT, GOAL_HEIGHT = -0.27, -0.323  # [m] the authors' distances are taken in space
 TOUCHED = 0.1  # [m] from tip to ball at which it counts as struck, likewise
 REACHED = 0.08  # [m] radius of the authors' goal disc
@@ -43,7 +43,7 @@ class Striker(Task):
         state = np.zeros(2 * len(JOINTS))
         state[len(JOINTS) :] = rng.uniform(-START_SPEED, START_SPEED, len(JOINTS))
         goal = BALL
-        while np.hypot(*(goal - BALL)) <= APART:
+        while np.hypot(*(goal - BALL)) <= MIN_GOAL_DISTANCE:
             goal = np.array([rng.uniform(*limits) for limits in GOAL])
         memory = np.array([*goal, np.inf, 0.0, 0.0, 0.0, 0.0])
         return Start(state=state, goal=memory, objects=np.array([BALL[1], BALL[0], 0.0, 0.0]))

@@ -8,7 +8,7 @@ import numpy as np
 
 from nas_data.effects.base import Effect
 from nas_data.gap.floor import compute_floor_ratios
-from nas_data.gap.name import ADEQUATE, Finding, Naming
+from nas_data.gap.name import EXPLAINED_FLOORS, Finding, Naming
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
 from nas_data.gap.report import GapReport
@@ -134,7 +134,7 @@ def describe_joints(held: FitTask, naming: Naming, after: np.ndarray) -> Mapping
     """
     return {
         joint: JointDescription(
-            complete=round(float(min(1.0, (ADEQUATE / max(ratio, 1e-9)) ** 2)), 3),
+            complete=round(float(min(1.0, (EXPLAINED_FLOORS / max(ratio, 1e-9)) ** 2)), 3),
             ratio_to_noise=round(float(ratio), 2),
             stable=naming.stable.get(joint, True),
         )
@@ -151,7 +151,7 @@ def find_unexplained(held: FitTask, predicted: np.ndarray, after: np.ndarray) ->
             ratio_to_noise=round(float(after[joint]), 2),
             goes_with=find_residual_correlate(held.evidence, errors, joint, held.nominal.slides),
         )
-        for joint in find_above(after, ADEQUATE)
+        for joint in find_above(after, EXPLAINED_FLOORS)
     )
 
 

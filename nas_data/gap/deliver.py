@@ -9,7 +9,7 @@ import numpy as np
 
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.floor import compute_floor_ratios
-from nas_data.gap.name import ADEQUATE, Naming
+from nas_data.gap.name import EXPLAINED_FLOORS, Naming
 from nas_data.gap.problem import Problem
 from nas_data.gap.score_model import HeldOutResult, predict_held, score_model
 from nas_data.gap.search.final import FinalFit, fit_final
@@ -56,7 +56,7 @@ class Delivery:
     def accepts(self, predicted: np.ndarray) -> bool:
         """Whether predictions reach the noise floor, or the better of plain fit and given model."""
         squares = self.problem.held.evidence.mean_squares(predicted)
-        at_floor = compute_floor_ratios(squares, self.problem.held.floor).max() <= ADEQUATE
+        at_floor = compute_floor_ratios(squares, self.problem.held.floor).max() <= EXPLAINED_FLOORS
         return bool(at_floor) or self.rms(predicted) <= min(self.rms(self.outcome.plain), self.rms(self.outcome.before))
 
     def rms(self, predicted: np.ndarray) -> float:

@@ -5,15 +5,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.noise import NORMAL, ODD, ORDERS, SMALLEST, estimate_noise, estimate_resolution
+from nas_data.dataset.noise import DEVIATION_PER_MAD, ODD, ORDERS, SMALLEST, estimate_noise, estimate_resolution
 from nas_data.pairing import read_scene_states
 from nas_data.simulators.base import Simulator
 
 if TYPE_CHECKING:
     from nas_data.gap.episode_batch import EpisodeBatch
 
-CLOSEST = 3e-4  # smallest error of a simulator, as a share of the joint's travel
-COARSE = 2.0  # [rounding errors] above which apparent noise may be fast motion
+MIN_ERROR_SHARE = 3e-4  # smallest error of a simulator, as a share of the joint's travel
+COARSE_ROUNDINGS = 2.0  # [rounding errors] above which apparent noise may be fast motion
 STEPS = 4000  # most transitions of which one-step errors are computed
 
 
@@ -43,7 +43,7 @@ def measure_step_errors(dataset: Dataset, simulator: Simulator) -> np.ndarray:
     )
     n = len(dataset.joints)
     errors = np.abs(predicted[:, :n] - dataset.next_states[rows, :n])
-    return NORMAL * np.median(np.where(np.isfinite(errors), errors, np.inf), axis=0)
+    return DEVIATION_PER_MAD * np.median(np.where(np.isfinite(errors), errors, np.inf), axis=0)
 
 
 def estimate_joint_floor(evidence: "EpisodeBatch", joint: int, most: float) -> float:
@@ -52,10 +52,12 @@ def estimate_joint_floor(evidence: "EpisodeBatch", joint: int, most: float) -> f
     step = estimate_resolution(readings)
     rounding = step / np.sqrt(12.0)
     noise = min(estimate_noise(readings, order, step) for order in ODD)
-    if noise > COARSE * rounding:
-        noise = max(COARSE * rounding, min(noise, most, *(estimate_noise(readings, order, step) for order in ORDERS)))
+    if noise > COARSE_ROUNDINGS * rounding:
+        noise = max(
+            COARSE_ROUNDINGS * rounding, min(noise, most, *(estimate_noise(readings, order, step) for order in ORDERS))
+        )
     travel = max((float(np.ptp(row)) for row in readings), default=0.0)
-    return max(rounding, noise, SMALLEST, CLOSEST * travel)
+    return max(rounding, noise, SMALLEST, MIN_ERROR_SHARE * travel)
 
 
 def compute_floor_ratios(squares: np.ndarray, floor: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 STAGES = 4  # evaluations per step of RK4; as many steps of another integrator cost the same
-FINE = 0.0005  # [s] timestep whose discretisation error is below sensor noise
+FINE_TIMESTEP = 0.0005  # [s] timestep whose discretisation error is below sensor noise
 
 
 def find_whole_step(period: float, timestep: float) -> float:
@@ -25,7 +25,7 @@ def make_implicit(spec: mujoco.MjSpec, period: float) -> str:
     explicit_damping = bool(option.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP))
     if option.integrator == int(mujoco.mjtIntegrator.mjINT_RK4):
         own = "RK4"
-        option.timestep = find_whole_step(period, min(option.timestep, max(option.timestep / STAGES, FINE)))
+        option.timestep = find_whole_step(period, min(option.timestep, max(option.timestep / STAGES, FINE_TIMESTEP)))
     elif option.integrator == int(mujoco.mjtIntegrator.mjINT_EULER) and explicit_damping:
         own = "Euler without implicit damping"
     else:

@@ -18,12 +18,12 @@ from nas_data.gap.search.tie_break import break_tie
 from nas_data.joint_units import group_by_kind
 
 SHARPNESS = 4.0  # exponent of a rival's error ratio in its closeness
-SURE = 0.8  # confidence below which an experiment is proposed
-ALIKE = 0.8  # closeness above which a rival is listed as equal; 1 for equal predictions
-POOR = 3.0  # noise floors above which a joint may be unexplained
-UNEXPLAINED = 0.75  # share of the error before above which such a joint is unexplained
-ROUGH = 2.0  # noise floors above which confidence is reduced
-ADEQUATE = 1.5  # noise floors up to which a joint is explained
+SURE_CONFIDENCE = 0.8  # confidence below which an experiment is proposed
+EQUAL_CLOSENESS = 0.8  # closeness above which a rival is listed as equal; 1 for equal predictions
+UNEXPLAINED_FLOORS = 3.0  # noise floors above which a joint may be unexplained
+UNEXPLAINED_SHARE = 0.75  # share of the error before above which such a joint is unexplained
+UNSURE_FLOORS = 2.0  # noise floors above which confidence is reduced
+EXPLAINED_FLOORS = 1.5  # noise floors up to which a joint is explained
 
 
 @dataclass(frozen=True)
@@ -93,11 +93,11 @@ class Naming:
 
     @property
     def least_sure_rival(self) -> Hypothesis | None:
-        """Best rival of the finding with the lowest confidence, if that is below `SURE`; else None."""
+        """Best rival of the finding with the lowest confidence, if that is below `SURE_CONFIDENCE`; else None."""
         unsure = [
             (finding.confidence, rival)
             for finding, rival in zip(self.findings, self.rivals, strict=True)
-            if finding.confidence < SURE and rival is not None
+            if finding.confidence < SURE_CONFIDENCE and rival is not None
         ]
         return min(unsure, key=lambda pair: pair[0])[1] if unsure else None
 
@@ -137,7 +137,9 @@ def withdraw(search: Search, kept: Hypothesis) -> Hypothesis:
     """Remove names in joints that stay mostly unexplained, because their cause is not in the catalogue."""
     rest, null = search.floor_ratios(kept), search.floor_ratios(search.null)
     joints = zip(search.train.nominal.joints, rest, null, strict=True)
-    unknown = {joint for joint, left, before in joints if left > POOR and left > UNEXPLAINED * before}
+    unknown = {
+        joint for joint, left, before in joints if left > UNEXPLAINED_FLOORS and left > UNEXPLAINED_SHARE * before
+    }
     sound = tuple(effect for effect in kept.effects if effect.joint not in unknown)
     if len(sound) == len(kept.effects):
         return kept
@@ -175,7 +177,7 @@ def assess(search: Search, kept: Hypothesis, final: FinalFit, number: int) -> tu
         before=rms(without.heldout, joints),
         after=rms(kept.heldout, joints),
         alternatives=tuple((h.effects[-1], rms(h.heldout, joints)) for h in [*ranked, *twins]),
-        equals=tuple(h.effects[-1] for h in [*ranked, *twins] if compute_closeness(search, kept, h) >= ALIKE),
+        equals=tuple(h.effects[-1] for h in [*ranked, *twins] if compute_closeness(search, kept, h) >= EQUAL_CLOSENESS),
     )
     return finding, ranked[0] if ranked else None
 
@@ -200,7 +202,7 @@ def compute_confidence(search: Search, kept: Hypothesis, ranked: Sequence[Hypoth
     """
     best = max(compute_closeness(search, kept, other) for other in [*ranked, without])
     rest = float(search.floor_ratios(kept).max())
-    return round(float((1 - 0.5 * best) * min(1.0, (ROUGH / rest) ** 0.5 if rest > ROUGH else 1.0)), 3)
+    return round(float((1 - 0.5 * best) * min(1.0, (UNSURE_FLOORS / rest) ** 0.5 if rest > UNSURE_FLOORS else 1.0)), 3)
 
 
 def compute_closeness(search: Search, kept: Hypothesis, rival: Hypothesis) -> float:

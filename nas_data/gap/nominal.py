@@ -11,7 +11,7 @@ from nas_data.effects.base import Effect
 from nas_data.effects.edits.derived_servo_values import fix_derived_values
 from nas_data.effects.edits.servo import find_position_servo, scale_stiffness
 from nas_data.gap.episode_batch import EpisodeBatch
-from nas_data.gap.integrator import FINE, find_whole_step, make_implicit
+from nas_data.gap.integrator import FINE_TIMESTEP, find_whole_step, make_implicit
 from nas_data.gap.nominal_parameters import NominalParameter, list_base_parameters, scale_base_parameters
 from nas_data.gap.side_by_side import is_sharing_cores
 from nas_data.mjcf.bake_inertia import bake_inertia
@@ -208,7 +208,7 @@ def find_disable_flags(model: mujoco.MjModel) -> int:
 
 def find_fine_timestep(nominal: Nominal) -> float:
     """Return a timestep of at most 0.5 ms that divides a control period [s]."""
-    return min(float(nominal.spec.option.timestep), find_whole_step(nominal.period, FINE))
+    return min(float(nominal.spec.option.timestep), find_whole_step(nominal.period, FINE_TIMESTEP))
 
 
 def with_timestep(nominal: Nominal, timestep: float) -> Nominal:

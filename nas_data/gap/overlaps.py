@@ -17,9 +17,9 @@ from nas_data.mjcf.free_bodies import find_free_bodies
 from nas_data.mjcf.unique_name import make_unique_name
 from nas_data.pairing import pair as pair_transitions
 
-DEEP = 0.001  # [m] smallest penetration; soft contacts at rest penetrate less
-OFTEN = 0.005  # smallest share of poses with such a penetration
-WORSE = 1.5  # smallest ratio of one-step errors with over without a contradicted contact
+MIN_DEPTH = 0.001  # [m] smallest penetration; soft contacts at rest penetrate less
+MIN_POSE_SHARE = 0.005  # smallest share of poses with such a penetration
+MIN_ERROR_RATIO = 1.5  # smallest ratio of one-step errors with over without a contradicted contact
 
 Pair = tuple[int, int]
 
@@ -30,7 +30,7 @@ class Overlap:
 
     Attributes:
         depth: Largest penetration [m].
-        share: Share of the measured poses with more than `DEEP`.
+        share: Share of the measured poses with more than `MIN_DEPTH`.
         text: Names of the bodies.
     """
 
@@ -54,7 +54,7 @@ def find_overlaps(nominal: Nominal, dataset: Dataset) -> Mapping[Pair, Overlap]:
     """
     rows = np.linspace(0, len(dataset.states) - 1, min(len(dataset.states), POSES)).astype(int)
     depths, names = find_depths(nominal, dataset.states[rows, : len(nominal.joints)])
-    often = {pair: depth for pair, depth in depths.items() if (depth > 0).mean() > OFTEN}
+    often = {pair: depth for pair, depth in depths.items() if (depth > 0).mean() > MIN_POSE_SHARE}
     if not often:
         return {}
     scales = np.sqrt(np.square(dataset.next_states - dataset.states).mean(0)) + np.finfo(float).eps
@@ -65,12 +65,12 @@ def find_overlaps(nominal: Nominal, dataset: Dataset) -> Mapping[Pair, Overlap]:
     return {
         pair: Overlap(float(depth.max()), float((depth > 0).mean()), names[pair])
         for pair, depth in often.items()
-        if errors[0][depth > 0].mean() > WORSE**2 * errors[1][depth > 0].mean()
+        if errors[0][depth > 0].mean() > MIN_ERROR_RATIO**2 * errors[1][depth > 0].mean()
     }
 
 
 def find_depths(nominal: Nominal, poses: np.ndarray) -> tuple[dict[Pair, np.ndarray], dict[Pair, str]]:
-    """Return penetrations of bodies in poses (N, n), shape (N,) [m], 0 below `DEEP`; and their names."""
+    """Return penetrations of bodies in poses (N, n), shape (N,) [m], 0 below `MIN_DEPTH`; and their names."""
     simulator = nominal.simulator()
     model = simulator.model
     depths: dict[Pair, np.ndarray] = {}
@@ -83,7 +83,7 @@ def find_depths(nominal: Nominal, poses: np.ndarray) -> tuple[dict[Pair, np.ndar
         mujoco.mj_collision(model, data)
         for contact in data.contact:
             one, other = sorted(int(body) for body in model.geom_bodyid[contact.geom])
-            if -contact.dist > DEEP and not free[[one, other]].any():
+            if -contact.dist > MIN_DEPTH and not free[[one, other]].any():
                 depth = depths.setdefault((one, other), np.zeros(len(poses)))
                 depth[row] = max(depth[row], -contact.dist)
                 names[one, other] = name_bodies(model, contact.geom)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from nas_data.count_of import count_of
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.foreign import audit_external
+from nas_data.dataset.external import audit_external
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import resolve
 from nas_data.errors import DatasetInvalid

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 REPORT = "report.json"
 SCHEMA = 2
-ANEW = "make it anew with: nas gap DATASET --model MODEL"
+REMEDY = "make it anew with: nas gap DATASET --model MODEL"
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -126,11 +126,11 @@ class GapReport:
         try:
             return from_json(cls, json.loads(path.read_text(encoding="utf-8")))
         except LacksKeys as error:
-            raise OptionError(f"{path} lacks {', '.join(error.keys)}; {ANEW}") from None
+            raise OptionError(f"{path} lacks {', '.join(error.keys)}; {REMEDY}") from None
         except FormError as error:
-            raise OptionError(f"{path} is not a gap report ({error}); {ANEW}") from None
+            raise OptionError(f"{path} is not a gap report ({error}); {REMEDY}") from None
         except (OSError, ValueError) as error:
-            raise OptionError(f"{path} is not a gap report ({error}); {ANEW}") from None
+            raise OptionError(f"{path} is not a gap report ({error}); {REMEDY}") from None
 
     def with_files(self, folder: Path) -> "GapReport":
         """Return the report with the files of its folder."""
@@ -176,7 +176,7 @@ class GapReport:
         from nas_data.gap.showing.series import SERIES, Series
 
         if SERIES not in self.files:
-            raise OptionError(f"This report has no {SERIES}, so that there is nothing to draw; {ANEW}")
+            raise OptionError(f"This report has no {SERIES}, so that there is nothing to draw; {REMEDY}")
         return Series.read_file(io.BytesIO(self.files[SERIES]), SERIES)
 
     def plot(self, joint: str | None = None) -> "Figure":

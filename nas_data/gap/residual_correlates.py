@@ -9,7 +9,7 @@ from nas_data.joint_units import compute_angle_scales
 
 # [rad/s; of a slide times what stands for a radian there] above which a joint has a direction: a reading that flickers
 # by 0.3° in 40 ms is slower
-MOVING = 0.25
+MOVING_SPEED = 0.25
 BINS = 24  # bins of the position
 
 
@@ -30,7 +30,7 @@ def find_residual_correlate(
     seen = evidence.mask[:, 2:-2].ravel()
     wanted = errors[:, 2:-2, joint].ravel()[seen]
     travel = np.ptp(evidence.measured[evidence.mask], axis=0)
-    moving = MOVING * float(compute_angle_scales(evidence.joints, slides, travel)[joint])
+    moving = MOVING_SPEED * float(compute_angle_scales(evidence.joints, slides, travel)[joint])
     found = list_regressors(evidence, joint, moving)
     shares = {name: compute_explained_variance(wanted, rows[seen]) for name, rows in found.items()}
     return max(shares, key=lambda name: shares[name])

@@ -15,8 +15,8 @@ from nas_data.gap.search.hypothesis import Description
 from nas_data.gap.search.scales import estimate_scales
 from nas_data.gap.write_model import MODEL, write_effects, write_model
 
-AS_GOOD = 1.5  # largest ratio of errors of the file over the effects on training episodes, floor included
-CLOSE = 1.1  # ratio below which no further size is tried
+MAX_ERROR_RATIO = 1.5  # largest ratio of errors of the file over the effects on training episodes, floor included
+GOOD_ERROR_RATIO = 1.1  # ratio below which no further size is tried
 
 # Multiples of large torque and speed for which effects with hooks are written to a file. Later ones have heavier pads,
 # which bounce less: they disturb a saturated servo with velocity feedback less, but follow its torque more slowly.
@@ -111,9 +111,9 @@ def write_nearest(problem: Problem, final: FinalFit, folder: Path, named: Nomina
     tried: list[tuple[float, Sequence[Effect], dict[str, float]]] = []
     for forms in generate_written_forms(problem, final):
         tried.append((measure_ratio(forms, factors), forms, factors))
-        if tried[-1][0] <= min(CLOSE, AS_GOOD):
+        if tried[-1][0] <= min(GOOD_ERROR_RATIO, MAX_ERROR_RATIO):
             return True
-    whole = min((entry[0] for entry in tried), default=np.inf) <= AS_GOOD
+    whole = min((entry[0] for entry in tried), default=np.inf) <= MAX_ERROR_RATIO
     if not whole:
         constant = fit_model_effects(problem, final)
         near = constant.effects, dict(constant.factors)

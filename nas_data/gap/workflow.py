@@ -109,7 +109,7 @@ def record_origin(problem: Problem, folder: Path, learn: int) -> MadeFrom:
 
 def train_on_top(problem: Problem, model: Path, updates: int, say: Report) -> Mapping[str, float]:
     """Train φ on the written model; torch is imported here only."""
-    from nas_data.gap.learned import measure_learned_shares
+    from nas_data.gap.phi_shares import measure_learned_shares
 
     numbers = [sorted({int(number) for number in task.evidence.numbers}) for task in (problem.train, problem.held)]
     return measure_learned_shares(

@@ -67,7 +67,7 @@ def check_degrees(recording: Recording, mapping: Map) -> list[AuditFinding]:
 
 
 def _contradicts_small_commands(recording: Recording, command: LogQuantity) -> bool:
-    """Whether small commands are surprising: those of all joints, or of some that go further than commanded."""
+    """Return whether small commands are implausible: all are positions, or a joint given in degrees moves further."""
     if set(command.conversion.kinds) == {"position"}:
         return True
     in_degrees = [unit == "deg" for unit in command.conversion.units]

@@ -25,8 +25,8 @@ from nas_data.importing.map import LogQuantity, Map, ServoTicks
 UNITS = ("deg", "range", "rad")
 RANGE = "range"  # of −100 … 100
 LARGEST = 100.0  # of that unit
-FEW = 8  # distinct readings needed to find their step
-NEAR = 0.03  # [ticks] tolerance of the grid; float32 resolves a thousandth of a tick
+MIN_READINGS = 8  # distinct readings needed to find their step
+GRID_TOLERANCE = 0.03  # [ticks] tolerance of the grid; float32 resolves a thousandth of a tick
 CLIPPED = 3  # readings exactly at a value that make it an end of the range
 WHERE = "LeRobot keeps it in ~/.cache/huggingface/lerobot/calibration/robots/ROBOT/ID.json"
 
@@ -185,16 +185,16 @@ def _line(
 def _is_on_grid(values: np.ndarray, step: float) -> bool | None:
     """Return whether readings are multiples of a step apart; None if too few differ."""
     different = np.unique(values)
-    if len(different) < FEW:
+    if len(different) < MIN_READINGS:
         return None
     counts = (different - different[0]) / step
-    return bool((np.abs(counts - np.round(counts)) < NEAR).all())
+    return bool((np.abs(counts - np.round(counts)) < GRID_TOLERANCE).all())
 
 
 def _has_step(values: np.ndarray) -> bool:
     """Return whether readings have any quantisation step."""
     steps = np.diff(np.unique(values))
-    return len(steps) >= FEW and bool(np.median(steps) < 1.2 * steps.min())
+    return len(steps) >= MIN_READINGS and bool(np.median(steps) < 1.2 * steps.min())
 
 
 def _is_consistent_fit(fits: Sequence[bool | None]) -> bool:

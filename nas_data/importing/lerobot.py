@@ -11,8 +11,8 @@ from nas_data.dataset.audits.base import AuditFinding, Remedies
 from nas_data.dataset.cutting import cut_at, find_gaps
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.descriptions import describe_left_out
+from nas_data.dataset.external import import_command, is_ours, refuse
 from nas_data.dataset.features import TIME
-from nas_data.dataset.foreign import import_command, is_ours, refuse
 from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.joints import REMEDY, Components
 from nas_data.dataset.passthrough import VIDEO_LEFT_OUT

@@ -178,7 +178,7 @@ class _Quantities:
 
 
 def _parse_source(section: MapSection, layout: LogLayout, width: int, may_be_constant: bool) -> LogColumns:
-    """Read the source of a quantity: `column`, `columns` or, for signals, `constant`; and its file."""
+    """Read where a quantity comes from: its file, and `column`, `columns` or (signals only) `constant`."""
     keys = ["column", "columns", "constant"] if may_be_constant else ["column", "columns"]
     standard = {"position": "observation.state", "command": "action"}.get(section.name.rpartition(".")[2])
     if layout.format == "lerobot" and standard and not any(section.has(key) for key in keys):

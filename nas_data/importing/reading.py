@@ -19,7 +19,7 @@ from nas_data.importing.messages import RECEIVED
 from nas_data.importing.naming import arrange, find_names_column
 from nas_data.importing.table import LogTable
 
-ENOUGH = 3  # least number of rows, for two transitions
+MIN_ROWS = 3  # least number of rows, for two transitions
 SUFFIXES = {"position": POSITION, "velocity": VELOCITY, "effort": EFFORT}  # suffixes of component names
 
 
@@ -80,7 +80,7 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
         episodes = [replace(part, rows=reference.rows[part.rows]) for part in episodes]
     recordings = [part for episode in episodes for part in divide_at_gaps(episode, mapping.rate)]
     for recording in recordings:
-        if len(recording) < ENOUGH:
+        if len(recording) < MIN_ROWS:
             raise _make_length_error(recording)
     return recordings
 
@@ -114,7 +114,7 @@ def divide_at_gaps(recording: Recording, rate: float) -> list[Recording]:
 
 def _make_length_error(recording: Recording) -> LogError:
     """Return the error for an episode with too few rows."""
-    sentence = f"{recording.label} has {count_of(len(recording), 'row')}; at least {ENOUGH} are needed"
+    sentence = f"{recording.label} has {count_of(len(recording), 'row')}; at least {MIN_ROWS} are needed"
     if recording.gap:
         sentence += f"; take out {recording.name_rows(recording.rows)}, before which {recording.gap:.3g} s are missing"
     return LogError(sentence + ".")

@@ -5,7 +5,7 @@ import numpy as np
 
 from nas_data.mjcf.unique_name import make_unique_name
 
-NEVER = -1.0  # value of `settotalmass` that disables it
+DISABLED = -1.0  # value of `settotalmass` that disables it
 
 
 def bake_inertia(spec: mujoco.MjSpec) -> mujoco.MjSpec:
@@ -19,7 +19,7 @@ def bake_inertia(spec: mujoco.MjSpec) -> mujoco.MjSpec:
         body.name = body.name or make_unique_name(result.body, f"body{number}")
     model = result.copy().compile()
     result.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
-    result.compiler.settotalmass, result.compiler.balanceinertia = NEVER, False
+    result.compiler.settotalmass, result.compiler.balanceinertia = DISABLED, False
     result.compiler.boundmass = result.compiler.boundinertia = 0.0
     for body in result.bodies[1:]:
         compiled = model.body(body.name)

@@ -18,7 +18,7 @@ from nas_data.mjcf.strip_meshes import count_colliding_geoms, format_exact_xml, 
 ASSETS = "assets"
 OTHER_MODELS = re.compile(r"<(?:model|include)\b[^>]*\bfile\s*=\s*[\"']([^\"']+)[\"']")
 QUOTES = {"'": "&apos;", '"': "&quot;"}
-CLOSE = 1e-4  # relative tolerance of the model read back: meshes have single precision
+READBACK_TOLERANCE = 1e-4  # relative tolerance of the model read back: meshes have single precision
 
 Asset: TypeAlias = mujoco.MjsMesh | mujoco.MjsHField | mujoco.MjsTexture | mujoco.MjsSkin
 
@@ -170,6 +170,7 @@ def is_same_model(path: Path, model: mujoco.MjModel) -> bool:
         for each in (model, read)
     ]
     return all(
-        one.shape == other.shape and np.allclose(one, other, rtol=CLOSE, atol=CLOSE * float(abs(one).max(initial=0)))
+        one.shape == other.shape
+        and np.allclose(one, other, rtol=READBACK_TOLERANCE, atol=READBACK_TOLERANCE * float(abs(one).max(initial=0)))
         for one, other in zip(*measures, strict=True)
     )

@@ -4,7 +4,7 @@ import numpy as np
 
 from nas_data.errors import CheckpointError, JointMismatch
 from nas_data.models.divergence import is_out_of_bounds
-from nas_data.models.frozen.base import freeze
+from nas_data.models.inference.base import prepare_inference
 from nas_data.models.lstm import DynamicsModel
 from nas_data.simulators.base import Stepper
 
@@ -44,7 +44,7 @@ class LearnedStepper:
         self.size = source.size
         self._states = source.states
         self._steps_source = model.kind == "delta" or source.objects.shape[1] > 0
-        self._network = freeze(model, self.size)
+        self._network = prepare_inference(model, self.size)
         self._diverged = np.zeros(self.size, bool)
 
     @property

@@ -46,7 +46,7 @@ def copy_to_cpu(model: DynamicsModel) -> DynamicsModel:
     return portable
 
 
-def load_frozen(folder: Path | str) -> DynamicsModel:
+def load_for_inference(folder: Path | str) -> DynamicsModel:
     """Load a checkpoint in evaluation mode and without gradients.
 
     Raises:

@@ -22,7 +22,7 @@ SHORTEST = 20  # frames of the first free-running windows
 MOST_JACOBIANS = 600_000  # half a gigabyte for 7 joints; in longer recordings neighbouring frames share a Jacobian
 BURN_IN = 100  # frames read before a window to initialise the memory
 VELOCITY_WEIGHT = 0.02  # weight of squared, normalised velocity errors relative to position errors
-FAR = 30.0  # a rollout has diverged if its error exceeds this many standard deviations
+DIVERGED_DEVIATIONS = 30.0  # a rollout has diverged if its error exceeds this many standard deviations
 POSITION_SCALE = 0.1  # unit of position errors over their standard deviation; errors above 3 units count linearly
 
 
@@ -216,11 +216,11 @@ class FreeRunning:
     def _has_diverged(self, error: Tensor) -> Tensor:
         """Return whether rollouts with errors (B, 2n) have diverged, shape (B,); they would dominate the loss."""
         n = len(self.model.joints)
-        near = (error[:, :n].abs() < FAR * self.position_scale / POSITION_SCALE).all(dim=1)
-        return ~(near & (error[:, n:].abs() < FAR * self.velocity_scale).all(dim=1))
+        near = (error[:, :n].abs() < DIVERGED_DEVIATIONS * self.position_scale / POSITION_SCALE).all(dim=1)
+        return ~(near & (error[:, n:].abs() < DIVERGED_DEVIATIONS * self.velocity_scale).all(dim=1))
 
     def _draw_windows(self, update: int) -> list[FrameWindow]:
-        """Draw windows of equal length, which grows with the update; many begin at the start of an episode."""
+        """Draw windows of equal length. The length grows with the updates, and many windows begin with an episode."""
         rng = np.random.default_rng([self.options.seed, 2, update])
         growth = min(1.0, 2 * update / max(1, self.updates))
         length = int(min(SHORTEST, self.horizon) + growth * max(0, self.horizon - SHORTEST))

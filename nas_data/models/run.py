@@ -85,7 +85,7 @@ class TrainingRun:
         self.writer.close()
         (self.folder / HISTORY).write_text(json.dumps(self.progress.history, indent=1), encoding="utf-8")
         (self.folder / STATE).unlink(missing_ok=True)
-        return checkpoint.load_frozen(self.folder / CHECKPOINT)
+        return checkpoint.load_for_inference(self.folder / CHECKPOINT)
 
     def _train(self) -> None:
         phase, progress = self.training.phase, self.progress
@@ -185,7 +185,7 @@ class TrainingRun:
     def _describe_finished(self) -> str:
         """Return the error for a folder with a finished training: this one or another one."""
         stored = self.folder / CHECKPOINT
-        model = checkpoint.load_frozen(stored)
+        model = checkpoint.load_for_inference(stored)
         if format_identity(model, model.provenance.get("training")) == self._format_identity():
             return (
                 f"{self.folder} holds this training, finished: its checkpoint is {stored}; to train again, remove it."

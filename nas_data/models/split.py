@@ -8,7 +8,7 @@ import numpy as np
 from nas_data.dataset.dataset import Dataset
 from nas_data.errors import DatasetInvalid
 
-MANY = 20  # episodes; of fewer, one or two drawn episodes do not represent the others
+MIN_DRAWN_FROM = 20  # episodes; of fewer, one or two drawn episodes do not represent the others
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ def split_validation(dataset: Dataset, share: float, seed: int) -> ValidationSpl
         DatasetInvalid: no training data remains.
     """
     count = dataset.n_episodes
-    if count >= MANY:
+    if count >= MIN_DRAWN_FROM:
         order = np.random.default_rng(seed).permutation(count)
         held_out = min(count - 1, max(1, round(share * count)))
         chosen, others = sorted(order[:held_out].tolist()), sorted(order[held_out:].tolist())
@@ -51,7 +51,7 @@ def split_validation(dataset: Dataset, share: float, seed: int) -> ValidationSpl
     if not pieces:
         raise DatasetInvalid("No episode has two transitions, one to train on and one to validate; record longer ones.")
     ends = list(zip(dataset.starts + cuts, dataset.starts + dataset.lengths, strict=True))
-    description = f"the last {share:.0%} of each episode (fewer than {MANY} episodes)"
+    description = f"the last {share:.0%} of each episode (fewer than {MIN_DRAWN_FROM} episodes)"
     return ValidationSplit(select_frames(dataset, pieces), select_frames(dataset, ends), description)
 
 

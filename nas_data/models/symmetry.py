@@ -27,7 +27,7 @@ from nas_data.simulators.controls import Controls
 
 CYCLIC, MIRROR = "nas_cyclic", "nas_mirror"
 PROBES, REACH = 64, 1.0  # number of random states of a check, and their range [rad], [rad/s] and [N·m]
-SAME = 1e-3  # largest relative error of accelerations of a valid symmetry
+MAX_RELATIVE_ERROR = 1e-3  # largest relative error of accelerations of a valid symmetry
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def find_symmetry(simulator: Simulator) -> dict[str, Any]:
     if unknown:
         raise ModelFileError(f"The model's symmetry names the joint '{unknown[0]}', which is not a commanded one.")
     error = measure_asymmetry(model, simulator.joints, Symmetry.from_names(simulator.joints, cyclic, mirror))
-    if error > SAME:
+    if error > MAX_RELATIVE_ERROR:
         raise ModelFileError(
             f"The model is not as symmetric as its texts {CYCLIC} and {MIRROR} say: accelerations are {error:.1%} off; "
             "correct them, or take the preset few."

@@ -1,4 +1,4 @@
-"""stable-baselines3's actor and critic for Gaussian actions, without the overhead of their generality."""
+"""Actor and critic of stable-baselines3 for Gaussian actions, reduced to the case used here, which is faster."""
 
 import math
 from collections.abc import Iterator

@@ -9,7 +9,7 @@ from nas_data.count_of import count_of
 LEVEL = 0.95  # of intervals by resampling
 ENDS = ((1 - LEVEL) / 2, (1 + LEVEL) / 2)
 RESAMPLES = 10_000  # of the bootstrap
-FEW = 5  # largest number of values for which the bootstrap interval of a median is just their range
+MAX_RANGE_VALUES = 5  # largest number of values for which the bootstrap interval of a median is just their range
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Interval:
     @property
     def level(self) -> float:
         """Coverage probability: exact for a range (binomial), nominal for a bootstrap."""
-        return 1 - 2 ** (1 - self.seeds) if self.seeds <= FEW else LEVEL
+        return 1 - 2 ** (1 - self.seeds) if self.seeds <= MAX_RANGE_VALUES else LEVEL
 
     @property
     def kind(self) -> str:
@@ -37,21 +37,23 @@ class Interval:
 
 def describe_interval(seeds: int) -> str:
     """Return a phrase for the interval of a median over seeds."""
-    if seeds < FEW:
+    if seeds < MAX_RANGE_VALUES:
         return f"range of {count_of(seeds, 'seed')}"
     return (
-        f"range of {count_of(seeds, 'seed')}, {1 - 2 ** (1 - seeds):.0%}" if seeds == FEW else f"bootstrap, {LEVEL:.0%}"
+        f"range of {count_of(seeds, 'seed')}, {1 - 2 ** (1 - seeds):.0%}"
+        if seeds == MAX_RANGE_VALUES
+        else f"bootstrap, {LEVEL:.0%}"
     )
 
 
 def describe_bootstrap(seeds: int) -> str:
     """Return a phrase for a bootstrap interval over seeds; with few seeds its coverage is below its level."""
-    return f"bootstrap of {count_of(seeds, 'seed')}" if seeds <= FEW else f"bootstrap, {LEVEL:.0%}"
+    return f"bootstrap of {count_of(seeds, 'seed')}" if seeds <= MAX_RANGE_VALUES else f"bootstrap, {LEVEL:.0%}"
 
 
 def compute_median_interval(values: np.ndarray) -> Interval:
     """Return the interval of the median of values over seeds, shape (seeds,)."""
-    if len(values) <= FEW:
+    if len(values) <= MAX_RANGE_VALUES:
         return Interval(float(values.min()), float(values.max()), len(values))
     low, high = np.quantile(resample_medians(values, np.random.default_rng(0)), ENDS)
     return Interval(float(low), float(high), len(values))
@@ -70,7 +72,7 @@ def resample_medians(values: np.ndarray, rng: np.random.Generator) -> np.ndarray
     return np.median(rng.choice(values, (RESAMPLES, len(values))), axis=1)
 
 
-NOTHING = 1e-9  # least relative advantage of the expert for which the score is defined
+MIN_ADVANTAGE = 1e-9  # least relative advantage of the expert for which the score is defined
 
 
 @dataclass(frozen=True)
@@ -106,11 +108,11 @@ def compute_share(method: np.ndarray, source: np.ndarray, expert: np.ndarray) ->
     undefined and left out.
     """
     start, end = float(np.median(source)), float(np.median(expert))
-    if end - start <= NOTHING * max(1.0, abs(start), abs(end)):
+    if end - start <= MIN_ADVANTAGE * max(1.0, abs(start), abs(end)):
         return Share(np.nan, np.nan, np.nan, end - start, len(method))
     rng = np.random.default_rng(0)
     starts, ends, reached = (resample_medians(values, rng) for values in (source, expert, method))
-    telling = ends - starts > NOTHING * np.maximum(1.0, np.maximum(abs(starts), abs(ends)))
+    telling = ends - starts > MIN_ADVANTAGE * np.maximum(1.0, np.maximum(abs(starts), abs(ends)))
     shares = (reached - starts)[telling] / (ends - starts)[telling]
     low, high = np.quantile(shares, ENDS)
     closed = float((np.median(method) - start) / (end - start))
@@ -152,6 +154,6 @@ def compute_return_range(source: np.ndarray, expert: np.ndarray) -> ReturnRange:
     """Return the difference of the expert's and the source's returns, shape (seeds,)."""
     rng = np.random.default_rng(0)
     low, high = np.quantile(resample_medians(expert, rng) - resample_medians(source, rng), ENDS)
-    least = NOTHING * max(1.0, float(abs(np.median(source))), float(abs(np.median(expert))))
+    least = MIN_ADVANTAGE * max(1.0, float(abs(np.median(source))), float(abs(np.median(expert))))
     value = float(np.median(expert) - np.median(source))
     return ReturnRange(value, float(low), float(high), len(source), bool(low > least))

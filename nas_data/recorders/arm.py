@@ -16,9 +16,9 @@ from nas_data.recorders.arm_motion import ArmEpisode, ArmMotion
 from nas_data.recorders.arm_plan import MotionPlan
 from nas_data.recorders.arm_tally import RecordingStats
 from nas_data.recorders.guarded import GuardedArm, Setup
+from nas_data.recorders.recording_folder import SAVING, describe_progress
 from nas_data.recorders.retry import TRANSIENT_ERRORS
 from nas_data.recorders.schedule import Clock
-from nas_data.recorders.under_way import SAVING, describe_progress
 
 PLAN = "meta/plan.npz"
 TRIES = 3  # attempts at an episode; the last one is kept with missed readings, and raises on a bus error

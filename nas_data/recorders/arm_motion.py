@@ -17,7 +17,7 @@ SETTLE = 0.5  # [s] for which a pose is held after an approach
 LEAD = 0.02  # [s] between the start of an episode and its first reading
 COOLING = 5.0  # [s] between two temperature checks while the arm cools
 COOL = 5.0  # [°C] below the limit at which the recording continues
-LOOK = 10  # control steps between two checks of voltage and temperature; servos take turns
+HEALTH_CHECK_STEPS = 10  # control steps between two checks of voltage and temperature; servos take turns
 
 
 @dataclass
@@ -230,9 +230,9 @@ class ArmMotion:
         return self.arm.check_servo(index)
 
     def _check_next_servo(self) -> None:
-        """Read voltage and temperature of the next servo every `LOOK` steps."""
+        """Read voltage and temperature of the next servo every `HEALTH_CHECK_STEPS` steps."""
         self._steps += 1
-        turn, rest = divmod(self._steps, LOOK)
+        turn, rest = divmod(self._steps, HEALTH_CHECK_STEPS)
         if rest:
             return
         index = turn % len(self.arm.names)

@@ -18,9 +18,9 @@ from nas_data.robots.base import Robot
 from nas_data.simulators.contact import count_contacts
 from nas_data.simulators.mujoco import MujocoSimulator
 
-RETURN = 2.0  # [s] simulated after each episode: the return to the first pose must be collision-free, too
-LOOK = 0.03  # [s] between two collision checks of a motion
-FAR = 1_000_003  # added to the seed for each new draw; too large to meet a seed that a user chose
+RETURN_SECONDS = 2.0  # [s] simulated after each episode: the return to the first pose must be collision-free, too
+CHECK_INTERVAL = 0.03  # [s] between two collision checks of a motion
+SEED_STEP = 1_000_003  # added to the seed for each new draw; too large to meet a seed that a user chose
 ROUNDS = 50  # draws after which the request counts as impossible
 
 
@@ -90,7 +90,7 @@ def draw_plan(
     target = Target(robot, simulator, Readings(), rate)
     commands, poses, fates = list[np.ndarray](), list[np.ndarray](), list[bool]()
     for attempt in range(ROUNDS):
-        session = RecordingSession.draw(target, replace(protocol, seed=protocol.seed + attempt * FAR))
+        session = RecordingSession.draw(target, replace(protocol, seed=protocol.seed + attempt * SEED_STEP))
         wanted = protocol.episodes if protocol.file is None else len(session.commands)
         block = np.stack([_check_length(rows, session.commands[0]) for rows in session.commands])
         first = session.starts[:, : len(simulator.joints)]
@@ -134,10 +134,10 @@ def free_of_contact(
         planner: Checks the slow paths.
     """
     n, steps = poses.shape[1], commands.shape[1]
-    back = np.repeat(poses[:, None], round(RETURN / simulator.period), axis=1)
+    back = np.repeat(poses[:, None], round(RETURN_SECONDS / simulator.period), axis=1)
     initial = np.concatenate([poses, np.zeros_like(poses)], axis=1)
     path = simulator.rollout(initial, np.concatenate([commands, back], axis=1))[..., :n]
-    seen = path[:, :: max(1, round(LOOK / simulator.period))]
+    seen = path[:, :: max(1, round(CHECK_INTERVAL / simulator.period))]
     counts = count_contacts(simulator, seen.reshape(-1, n)).reshape(len(poses), -1)
     free = np.asarray((counts == 0).all(axis=1) & (count_contacts(simulator, poses) == 0))
     for episode in np.flatnonzero(free):

@@ -15,7 +15,7 @@ from nas_data.recorders.schedule import Clock
 from nas_data.recorders.watchdog import Watchdog
 
 SETTING_UP = 10.0  # [s] allowed for checking an arm, setting it up or making it safe
-REST = 1.0  # [s] given to the bus to recover
+RECOVERY_SECONDS = 1.0  # [s] given to the bus to recover
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +76,7 @@ class GuardedArm:
     def recover(self) -> None:
         """Make the arm safe, and give its bus time to recover."""
         self.make_safe()
-        self._clock.wait_until(self._clock.now() + REST)
+        self._clock.wait_until(self._clock.now() + RECOVERY_SECONDS)
 
     def _take(self, pose: np.ndarray) -> ArmMotion:
         setup = self._setup

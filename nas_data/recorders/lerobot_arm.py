@@ -32,7 +32,16 @@ from nas_data.recorders.lerobot_servos import (
 )
 
 VOLT = 0.1  # [V] voltage unit of both makers
-FLEETING = ("Present_", "Goal_", "Moving", "Status", "Hardware_Error", "Realtime", "Registered", "Torque_Enable")
+TRANSIENT_REGISTERS = (
+    "Present_",
+    "Goal_",
+    "Moving",
+    "Status",
+    "Hardware_Error",
+    "Realtime",
+    "Registered",
+    "Torque_Enable",
+)
 
 
 class LeRobotArm:
@@ -186,7 +195,7 @@ class LeRobotArm:
 
     def registers(self) -> dict[str, dict[str, int]]:
         """Read the settings of every servo, by joint and LeRobot's register name; raises like `read`."""
-        settings = {name: r for name, r in self.control.items() if not name.startswith(FLEETING)}
+        settings = {name: r for name, r in self.control.items() if not name.startswith(TRANSIENT_REGISTERS)}
         length = max(register.address + register.size for register in settings.values())
         found = {}
         for name, identity in zip(self.names, self.ids, strict=True):

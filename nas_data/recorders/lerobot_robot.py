@@ -25,7 +25,7 @@ from nas_data.recorders.lerobot_frame import Frame, compute_frame, compute_full_
 from nas_data.recorders.lerobot_servos import find_family
 from nas_data.robots.base import Robot
 
-ASIDE = 0.1  # [rad] by which the virtual arm starts beside its rest pose
+START_DEVIATION = 0.1  # [rad] by which the virtual arm starts beside its rest pose
 SPREAD, STEP = 1001, 317  # [counts] homing offsets of the virtual servos: a different one for each
 
 
@@ -139,7 +139,7 @@ def calibrate_virtual_arm(request: RobotRequest, robot: LeRobot, period: float) 
             )
         )
     rest = dict(zip(request.model.joints, request.model.rest, strict=False))
-    aside = ASIDE * compute_angle_scales(names, frame.slides, frame.high - frame.low)
+    aside = START_DEVIATION * compute_angle_scales(names, frame.slides, frame.high - frame.low)
     pose = np.clip(aside + [rest.get(name, 0.0) for name in names], frame.low, frame.high)
     path = str(request.model.mjcf.absolute())
     return Options(model=path, mounted=tuple(mounted), lying=tuple(pose.tolist()), period=period)

@@ -35,7 +35,7 @@ from nas_data.errors import LogError
 from nas_data.importing.auditing import audit
 from nas_data.importing.formats import find_format, is_folder_log
 from nas_data.importing.map import Map
-from nas_data.importing.reading import ENOUGH, SUFFIXES, read_log
+from nas_data.importing.reading import MIN_ROWS, SUFFIXES, read_log
 from nas_data.importing.resampling import resample
 from nas_data.joint_units import convert_hinge_unit
 from nas_data.visible_files import list_visible_files
@@ -156,9 +156,9 @@ def _finish(recording: Recording, mapping: Map) -> Recording:
     whole = replace(recording, signals=signals).align(mapping.alignment)
     if mapping.resample:
         whole = resample(whole, mapping.resample)
-    if len(whole) < ENOUGH - 1:
+    if len(whole) < MIN_ROWS - 1:
         raise LogError(
-            f"{recording.label} has {count_of(len(whole), 'row')} after resampling; at least {ENOUGH - 1} are needed."
+            f"{recording.label} has {count_of(len(whole), 'row')} after resampling; at least {MIN_ROWS - 1} are needed."
         )
     if not mapping.derive_velocity:
         return whole

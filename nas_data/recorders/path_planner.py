@@ -13,8 +13,8 @@ from nas_data.simulators.contact import ContactDistances, count_contacts, find_c
 from nas_data.simulators.limits import command_limits
 from nas_data.simulators.mujoco import MujocoSimulator
 
-LOOK = 0.02  # [rad] between two collision checks along a path
-CLOSER = 0.001  # [m] by which bodies in contact at the start may approach further: readings are whole ticks
+CHECK_STEP = 0.02  # [rad] between two collision checks along a path
+CONTACT_TOLERANCE = 0.001  # [m] by which bodies in contact at the start may approach further: readings are whole ticks
 
 
 class PathPlanner:
@@ -111,7 +111,7 @@ class PathPlanner:
         """
         now = find_contacts(self._simulator, begin, self._scratch)
         soon = find_contacts(self._simulator, end, self._scratch) if now else {}
-        parts = all(distance > now.get(pair, np.inf) - CLOSER for pair, distance in soon.items())
+        parts = all(distance > now.get(pair, np.inf) - CONTACT_TOLERANCE for pair, distance in soon.items())
         return bool(now) and parts and min(soon.values(), default=np.inf) > min(now.values())
 
     def sag(self, pose: np.ndarray) -> np.ndarray:
@@ -138,12 +138,12 @@ class PathPlanner:
         allowed: ContactDistances | None = None
         for pose in path:
             now = find_contacts(self._simulator, pose)
-            if allowed is not None and any(now[pair] < allowed.get(pair, np.inf) - CLOSER for pair in now):
+            if allowed is not None and any(now[pair] < allowed.get(pair, np.inf) - CONTACT_TOLERANCE for pair in now):
                 return False
             allowed = now if allowed is None else {pair: allowed[pair] for pair in now}
         return True
 
     def _interpolate(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
         """Return poses [rad; m] along a straight line in joint space, both ends included, shape (k, n)."""
-        steps = max(1, int(np.ceil((np.abs(end - begin) / self.radians).max() / LOOK)))
+        steps = max(1, int(np.ceil((np.abs(end - begin) / self.radians).max() / CHECK_STEP)))
         return np.asarray(begin + np.linspace(0, 1, steps + 1)[:, None] * (end - begin))

@@ -17,7 +17,7 @@ from nas_data.recorders.session import PlaybackProtocol, RecordingSession, Targe
 from nas_data.recorders.simulated import record, to_dataset
 from nas_data.simulators.engines import load_simulator
 
-EVERY = 4  # one episode in so many of a varied recipe follows `holds`
+PROTOCOL_INTERVAL = 4  # one episode in so many of a varied recipe follows `holds`
 BRIEFEST, WEAKEST = 2, 0.2  # least duration [control steps] and least share of the range of a drawn action
 KINDS = 1  # random stream of the kinds, apart from those of actions, starts and noise
 
@@ -89,7 +89,7 @@ class Recipe:
             return kinds
         rng = np.random.default_rng([self.seed, KINDS])
         drawn = [CommandKind.draw(rng, self.varied) for _ in kinds]
-        return [kinds[k // EVERY] if k % EVERY == 0 else drawn[k] for k in range(self.episodes)]
+        return [kinds[k // PROTOCOL_INTERVAL] if k % PROTOCOL_INTERVAL == 0 else drawn[k] for k in range(self.episodes)]
 
     def session(self) -> RecordingSession:
         """Draw actions and starts, from separate random streams."""

@@ -18,7 +18,7 @@ from types import TracebackType
 from nas_data.errors import ArmError, GuardLost
 from nas_data.hardware.arms.base import Driver, make_safe, open_for_guard
 
-ALL_WELL = b"all is well"
+HEARTBEAT = b"all is well"
 HANG = 1.0  # [s] after its deadline at which a silent process counts as hung
 PATIENCE = 2.0  # [s] to wait for the port of a dead process to become free
 CHUNK = 4096
@@ -54,7 +54,7 @@ class Watchdog:
         """Report that the arm is safe, and wait for the watchdog to end."""
         assert self._process.stdin is not None
         with contextlib.suppress(BrokenPipeError):
-            self._tell(ALL_WELL)
+            self._tell(HEARTBEAT)
         self._process.stdin.close()
         self._process.wait()
 
@@ -113,7 +113,7 @@ def watch(words: LineReader, lines: list[bytes], hang: float = HANG) -> str:
         hang: Grace period after the deadline [s].
     """
     seconds = math.inf
-    while ALL_WELL not in lines:
+    while HEARTBEAT not in lines:
         seconds = float(lines[-1]) + hang if lines else seconds
         heard = words.wait(seconds)
         if not heard:

@@ -9,8 +9,8 @@ from nas_data.reports.style import Stroke
 
 MOST_POINTS = 2000  # of a curve; more than a screen has pixels, so that zooming in still shows something
 DASHES = {"-": "solid", "--": "dash", "-.": "dashdot", ":": "dot"}
-UNDERNEATH = 4.0  # [px] width of a measured curve, which is seen under a prediction that coincides with it
-VEIL = "2b"  # alpha of bands, as a colour's fourth byte
+MEASURED_WIDTH = 4.0  # [px] width of a measured curve, which is seen under a prediction that coincides with it
+BAND_ALPHA = "2b"  # alpha of bands, as a colour's fourth byte
 
 Trace = dict[str, object]
 
@@ -45,7 +45,7 @@ def make_band(x: np.ndarray, low: np.ndarray, high: np.ndarray, name: str, look:
     kept = np.isfinite(low) & np.isfinite(high)
     quiet = {"showlegend": False, "hoverinfo": "skip"}
     below, above = (make_line(x[kept], edge[kept], name, hidden, **quiet) for edge in (low, high))
-    return [below, {**above, "fill": "tonexty", "fillcolor": look.colour + VEIL}]
+    return [below, {**above, "fill": "tonexty", "fillcolor": look.colour + BAND_ALPHA}]
 
 
 def make_dots(
@@ -126,7 +126,7 @@ def make_motion_chart(
     """
     steps = {"line": {"color": looks["command"].colour, "width": 1.2, "shape": "hv"}}
     traces = [] if command is None else [make_line(time, command, "command", looks["command"], **steps)]
-    wide = {"line": {"color": looks["measured"].colour, "width": UNDERNEATH}}
+    wide = {"line": {"color": looks["measured"].colour, "width": MEASURED_WIDTH}}
     traces.append(make_line(time, measured, "measured", looks["measured"], **wide))
     for name, values in predicted.items():
         traces.append(make_line(time, values, name, looks[name]))

@@ -75,7 +75,7 @@ def find_differing(measured: Mapping[str, np.ndarray]) -> dict[int, list[str]]:
     return {episode: found[episode] for episode in sorted(found, key=lambda episode: -strength[episode])}
 
 
-SAME = 1e-6  # [s] spread of the steps below which they are even
+STEP_TOLERANCE = 1e-6  # [s] spread of the steps below which they are even
 MOST_EPISODES = 500  # rows of the table of episodes
 SHOWN = 3  # episodes that are drawn
 
@@ -148,7 +148,7 @@ def make_timing_blocks(dataset: Dataset, steps: Sequence[np.ndarray]) -> list[Bl
     if not steps or not sum(map(len, steps)):
         return [Text("The recording has no clock of its own (nas.time): rows count as evenly spaced.")]
     period, whole = 1 / dataset.fps, np.concatenate(steps)
-    if np.ptp(whole) < SAME:
+    if np.ptp(whole) < STEP_TOLERANCE:
         apart = f"{1e3 * period:.4g} ms apart ({dataset.fps:g} Hz)"
         return [Text(f"All rows are {apart}, as in a simulation or a resampled log.")]
     uneven = np.abs(whole - period) > LATE * period

@@ -185,10 +185,10 @@ def label(axes: Axes, amounts: Sequence[float]) -> None:
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
-THEIRS = "the authors, on their target"
-BESIDE = 0.28  # of a column's width: the authors' numbers stand right of ours
-SPREAD = 0.16  # of a column's width: dots of equal returns stay apart
-STRAY = 3.0  # times the span of the medians: what lies further off is drawn at the edge, not to squash the rest
+AUTHORS_LABEL = "the authors, on their target"
+AUTHORS_OFFSET = 0.28  # of a column's width: the authors' numbers stand right of ours
+DOT_SPREAD = 0.16  # of a column's width: dots of equal returns stay apart
+MAX_SPANS = 3.0  # times the span of the medians: what lies further off is drawn at the edge, not to squash the rest
 
 
 @dataclass(frozen=True)
@@ -229,19 +229,19 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
     low, high = find_drawn_range(panel)
     for column, (method, values) in enumerate(panel.returns.items()):
         colour = looks[method].colour
-        offsets = np.linspace(-SPREAD, SPREAD, len(values)) if len(values) > 1 else np.zeros(1)
+        offsets = np.linspace(-DOT_SPREAD, DOT_SPREAD, len(values)) if len(values) > 1 else np.zeros(1)
         axes.scatter(column + offsets, values.clip(low, high), s=26, color=colour, alpha=0.7, linewidth=0, zorder=4)
         middle = float(np.median(values))
         axes.plot([column - 0.34, column + 0.34], [middle, middle], color=colour, linewidth=2.4, zorder=5)
         ends = panel.intervals[method].low, panel.intervals[method].high
         axes.plot([column, column], np.clip(ends, low, high), color=colour, linewidth=1.2, zorder=3)
         theirs = np.array(panel.authors.get(method, ()))
-        places = np.full(len(theirs), column + BESIDE)
+        places = np.full(len(theirs), column + AUTHORS_OFFSET)
         axes.scatter(places, theirs.clip(low, high), s=18, marker="d", color="none", edgecolors=GREY, zorder=2)
     axes.set_ylim(low, high)
     axes.set_xticks(range(len(panel.returns)), list(panel.returns), rotation=35, ha="right")
     axes.grid(visible=False, axis="x")
-    axes.set_title(f"{panel.title} (◇ {THEIRS})" if panel.authors else panel.title, fontsize=10)
+    axes.set_title(f"{panel.title} (◇ {AUTHORS_LABEL})" if panel.authors else panel.title, fontsize=10)
 
 
 def find_drawn_range(panel: Panel) -> tuple[float, float]:
@@ -249,7 +249,7 @@ def find_drawn_range(panel: Panel) -> tuple[float, float]:
     medians = np.array([float(np.median(values)) for values in panel.returns.values()])
     every = np.concatenate([*panel.returns.values(), *(np.array(v) for v in panel.authors.values())])
     span = max(float(np.ptp(medians)), 1e-6 + 0.05 * float(np.abs(medians).max()))
-    low, high = max(float(every.min()), medians.min() - STRAY * span), float(every.max())
+    low, high = max(float(every.min()), medians.min() - MAX_SPANS * span), float(every.max())
     margin = 0.06 * max(high - low, span)
     return low - margin, high + margin
 
@@ -288,7 +288,7 @@ def draw_return_over_count(
         if authors:
             means, deviations = np.array(list(authors.values())).T
             axes.errorbar(
-                list(authors), means, deviations, fmt="d", color=GREY, markersize=4, linewidth=1, label=THEIRS
+                list(authors), means, deviations, fmt="d", color=GREY, markersize=4, linewidth=1, label=AUTHORS_LABEL
             )
         axes.set_xscale("log")
         ticks = sorted({*counts, *authors})

@@ -23,6 +23,7 @@ LEARNED_ON = {
 }
 
 OF_BOTH = ", each joint's over the spread of the positions of its kind, hinges or slides [%]"
+MODELS_NOTE = "source + φ: the simulator, corrected by a network after each control step. ψ: a network in its place."
 
 
 def make_models_chart(models: Sequence[ModelRun]) -> Chart:
@@ -41,7 +42,7 @@ def make_models_chart(models: Sequence[ModelRun]) -> Chart:
         else "normalised error of one step, after teacher forcing"
         for unit in units
     )
-    caption = f"How the models learned, on what was held out for early stopping: {what}. The best is kept."
+    caption = f"Error while the models learned, on episodes held out for early stopping: {what}. The best is kept."
     layout = {"xaxis": make_axis("updates"), "yaxis": make_axis(label, rangemode="tozero")}
     return Chart("model_training", caption, traces, layout)
 
@@ -69,7 +70,7 @@ def make_models_section(models: Sequence[ModelRun]) -> PageSection:
         for name, model in zip(make_distinct_names(models), models, strict=True)
     ]
     headers = ("model", "best validation error", "updates", "time", "learned from", "content hash")
-    return PageSection("Models", [make_models_chart(models), HtmlTable(headers, rows)])
+    return PageSection("Models", [make_models_chart(models), HtmlTable(headers, rows, MODELS_NOTE)])
 
 
 def make_learning_charts(groups: Mapping[str, Sequence[PolicyRun]]) -> list[Chart]:
@@ -77,8 +78,8 @@ def make_learning_charts(groups: Mapping[str, Sequence[PolicyRun]]) -> list[Char
     looks = choose_strokes(list(groups))
     curves = {method: [run.curve for run in runs] for method, runs in groups.items()}
     caption = (
-        "How the policies learned, each method in its own environment, exploring: median over seeds, and a band from "
-        "the lowest to the highest."
+        "Return of the exploring policies, each in the environment in which it learned: median over seeds, and a band "
+        "from the lowest to the highest."
     )
     steps = "control steps learned from [thousand]"
     returns = [
@@ -94,7 +95,10 @@ def make_learning_charts(groups: Mapping[str, Sequence[PolicyRun]]) -> list[Char
     return [
         Chart("learning_curves", caption, returns, make_axes(steps, "return of an episode")),
         Chart(
-            "success", "The same for reaching the goal.", success, make_axes(steps, "episodes that reach the goal [%]")
+            "success",
+            "Share of the episodes that reach the goal, likewise.",
+            success,
+            make_axes(steps, "episodes that reach the goal [%]"),
         ),
     ]
 
@@ -108,7 +112,8 @@ def make_learning_traces(
     known = ~np.isnan(values).all(axis=0)
     values, thousands = values[:, known], seeds[0].frames[:shortest][known] / 1000
     low, middle, high = np.nanmin(values, axis=0), np.nanmedian(values, axis=0), np.nanmax(values, axis=0)
-    return [*make_band(thousands, low, high, name, look), make_line(thousands, middle, name, look)]
+    mode = "lines" if len(middle) > 1 else "markers"  # a single point makes no line
+    return [*make_band(thousands, low, high, name, look), make_line(thousands, middle, name, look, mode=mode)]
 
 
 def make_target_chart(groups: Mapping[str, Sequence[PolicyRun]]) -> list[Chart]:
@@ -149,7 +154,7 @@ def make_policies_table(
         "On the target. Distance closed is the share of the way from source to expert, with a bootstrap interval "
         "over seeds; with few seeds the interval says little."
         if judged
-        else "In the last rollout of training, exploring; no policy was judged on a target."
+        else "In the last rollout of training, with exploration; no policy was evaluated on a target."
     )
     return HtmlTable(headers if judged else headers[:-1], rows if judged else [row[:-1] for row in rows], note)
 

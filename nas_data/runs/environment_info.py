@@ -7,14 +7,14 @@ from pathlib import Path
 from nas_data.dataset.provenance import read_installed_versions, read_package_versions
 
 ROOT = Path(__file__).parents[1]
-MORE = ("gymnasium", "onnxruntime", "stable_baselines3")  # in addition to the packages that affect a dataset
+MORE_PACKAGES = ("gymnasium", "onnxruntime", "stable_baselines3")  # in addition to the packages that affect a dataset
 CHANGED = "-changed"  # suffix of a commit if files of the package were changed
 
 
 @cache
 def read_versions() -> dict[str, str]:
     """Return the versions of Python and of the installed packages that affect policies."""
-    return {**read_package_versions(), **read_installed_versions(MORE)}
+    return {**read_package_versions(), **read_installed_versions(MORE_PACKAGES)}
 
 
 @cache

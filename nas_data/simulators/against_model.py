@@ -21,11 +21,11 @@ from nas_data.robots.base import find_robot
 # For slides the lengths below are multiplied by the equivalent of a radian; see `find_radian_equivalent`.
 MARGIN = 0.1  # [rad] tolerated difference between the calibration of a real arm and its model
 CENTRE_MARGIN = 0.35  # [rad] tolerated difference between the middles of their ranges: 20°
-STILL = 0.02  # [rad/s] and [rad per row] below which a servo holds its position
-FEWEST = 30  # such rows needed to compare with gravity
-SPREAD = 0.2  # least gravity torque in a loaded row over the joint's largest one; slides: gravity force
-CARRYING = 0.05  # least such maximum of a loaded joint over that of all joints
-LOADED = 2.0  # least ratio of position errors to the step of a servo
+RESTING_SPEED = 0.02  # [rad/s] and [rad per row] below which a servo holds its position
+MIN_RESTING_ROWS = 30  # such rows needed to compare with gravity
+MIN_TORQUE_SPREAD = 0.2  # least gravity torque in a loaded row over the joint's largest one; slides: gravity force
+MIN_LOAD_SHARE = 0.05  # least such maximum of a loaded joint over that of all joints
+MIN_ERROR_STEPS = 2.0  # least ratio of position errors to the step of a servo
 CONTRADICTION = -0.5  # correlation below which a joint contradicts gravity
 MOST, FEW = 2000, 200  # rows for which loads are computed: for signs, and for each tried zero
 OFFSET, SMALLEST = np.pi / 36, 0.2  # [rad] step between tried zeros, and smallest reported change
@@ -184,7 +184,7 @@ def _find_resting_rows(dataset: Dataset, radians: np.ndarray) -> np.ndarray:
     # Torques and speeds may change while nothing moves.
     commands = dataset.commands * dataset.positional
     steps = np.abs(np.diff(commands, axis=0, prepend=commands[:1]))
-    still = (np.abs(velocities) < STILL * radians).all(axis=1) & (steps < STILL * radians).all(axis=1)
+    still = (np.abs(velocities) < RESTING_SPEED * radians).all(axis=1) & (steps < RESTING_SPEED * radians).all(axis=1)
     return np.flatnonzero(still)
 
 
@@ -216,7 +216,7 @@ class _RestingRows:
         rows = _find_resting_rows(
             dataset, np.array([find_radian_equivalent(dataset, model, joint) for joint in dataset.joints])
         )
-        if len(rows) < FEWEST:
+        if len(rows) < MIN_RESTING_ROWS:
             return None
         rows = rows[:: max(1, len(rows) // MOST)]
         qpos = np.array([model.joint(joint).qposadr[0] for joint in dataset.joints])
@@ -230,9 +230,12 @@ class _RestingRows:
             largest[members] = own[members].max(initial=0.0)
         loaded = []
         for index, joint in enumerate(dataset.joints):
-            loaded_rows = np.abs(pull[:, index]) > max(SPREAD * own[index], CARRYING * largest[index])
+            loaded_rows = np.abs(pull[:, index]) > max(MIN_TORQUE_SPREAD * own[index], MIN_LOAD_SHARE * largest[index])
             step = TICK * find_radian_equivalent(dataset, model, joint)
-            if loaded_rows.sum() >= FEWEST and np.abs(held[loaded_rows, index]).mean() >= LOADED * step:
+            if (
+                loaded_rows.sum() >= MIN_RESTING_ROWS
+                and np.abs(held[loaded_rows, index]).mean() >= MIN_ERROR_STEPS * step
+            ):
                 loaded.append(index)
         return cls(model, qpos, dofs, positions, held, pull, tuple(loaded))
 

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from nas_data.dataset.features import EFFORT, POSITION, VELOCITY
-from nas_data.effects.edits.servo import ALIKE, read_rest_shift
+from nas_data.effects.edits.servo import GAIN_TOLERANCE, read_rest_shift
 from nas_data.errors import JointMismatch, ModelFileError
 from nas_data.mjcf.actuator_lookup import find_driving_actuators, is_switched_off
 from nas_data.simulators.other_actuators import explain_missing_actuator
@@ -243,7 +243,7 @@ def find_actuator_type(model: mujoco.MjModel, actuator: int) -> str:
 
 def is_nearly_equal(one: float, other: float) -> bool:
     """Whether two gains are equal up to rounding in a file."""
-    return abs(one - other) <= ALIKE * abs(other)
+    return abs(one - other) <= GAIN_TOLERANCE * abs(other)
 
 
 def command_range(model: mujoco.MjModel, actuator: int, control: Control) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import numpy as np
 TOLERANCE = 1e-12  # [m or rad] largest residual of a solved constraint
 ITERATIONS = 30  # most iterations of Newton's method, which needs 2 to 6
 CONTINUATION_STEPS = 4  # steps from the reference posture, so that a loop keeps its assembly mode
-GENERIC = 0.05  # [rad or m] distance from the reference posture, where Jacobian entries may vanish by chance
+PERTURBATION = 0.05  # [rad or m] distance from the reference posture, where Jacobian entries may vanish by chance
 LEVER = 1e-9  # smallest entry of a constraint's Jacobian that counts as a dependence
 CUTOFF = 1e-9  # relative singular value below which constraints leave a direction free
 DISABLED = (
@@ -242,7 +242,7 @@ def list_tied_dofs(model: mujoco.MjModel, dof: int) -> list[int]:
 def make_generic_posture(model: mujoco.MjModel) -> np.ndarray:
     """Return positions (nq,) a little off the reference posture."""
     qpos = model.qpos0.copy()
-    mujoco.mj_integratePos(model, qpos, GENERIC * np.random.default_rng(0).normal(size=model.nv), 1.0)
+    mujoco.mj_integratePos(model, qpos, PERTURBATION * np.random.default_rng(0).normal(size=model.nv), 1.0)
     return qpos
 
 

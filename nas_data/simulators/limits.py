@@ -1,4 +1,4 @@
-"""Limits of the commands of a model's joints."""
+"""Limits of the joints' commands in a model."""
 
 from collections.abc import Collection, Sequence
 

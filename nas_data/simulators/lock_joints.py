@@ -14,8 +14,8 @@ from nas_data.simulators.controls import UnknownControl, find_length_control, re
 from nas_data.simulators.layout import Layout
 
 RIGID = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp with MuJoCo's largest impedance
-STILL = 1e-6  # [rad] or [m] largest deviation from the reference of a servo with control zero
-GENERIC = 0.05  # [rad] or [m] distance from the reference posture, where moment arms may vanish by chance
+REFERENCE_TOLERANCE = 1e-6  # [rad] or [m] largest deviation from the reference of a servo with control zero
+PERTURBATION = 0.05  # [rad] or [m] distance from the reference posture, where moment arms may vanish by chance
 INDEPENDENT = 1e-6  # smallest singular value of independent directions
 
 
@@ -153,7 +153,7 @@ def compute_servo_moments(model: mujoco.MjModel, commanded: bool) -> Iterator[np
     for actuator, row in compute_actuator_moments(model):
         feedback = read_length_feedback(model, actuator)
         force = float(data.actuator_force[model.actuator_outadr[actuator]])
-        if is_position_servo(model, actuator) and (commanded or abs(force) <= STILL * feedback):
+        if is_position_servo(model, actuator) and (commanded or abs(force) <= REFERENCE_TOLERANCE * feedback):
             yield row
 
 
@@ -199,6 +199,6 @@ def make_generic_data(model: mujoco.MjModel) -> mujoco.MjData:
     dense.opt.jacobian = int(mujoco.mjtJacobian.mjJAC_DENSE)
     data = mujoco.MjData(dense)
     addresses = model.jnt_qposadr[find_scalar_joints(model)]
-    data.qpos[addresses] += GENERIC * np.random.default_rng(0).normal(size=len(addresses))
+    data.qpos[addresses] += PERTURBATION * np.random.default_rng(0).normal(size=len(addresses))
     mujoco.mj_forward(dense, data)
     return data

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from nas_data.benchmarks.augmented import WANTED, GymReacher, NaiveReacher, make_dummy_vec_env, make_random_phi
+from nas_data.benchmarks.augmented import GOALS, GymReacher, NaiveReacher, make_dummy_vec_env, make_random_phi
 from nas_data.cli import main
 from nas_data.envs.ergo_reacher import TASK
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
@@ -70,7 +70,7 @@ def test_a_correction_moves_the_arm_and_the_one_that_is_timed_hardly_does():
 def test_the_benchmark_answers_with_its_ratios_of_processor_time(capsys):
     assert main(["benchmark", "augmented", "--frames", "128", "--rounds", "2", "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
-    assert set(answer["ratios"]) == set(answer["wanted"]) == {f"augmented_vs_{name}" for name in WANTED}
+    assert set(answer["ratios"]) == set(answer["wanted"]) == {f"augmented_vs_{name}" for name in GOALS}
     cpu = {name: times["cpu"] for name, times in answer["microseconds_per_frame"].items()}
     naive = [slow / fast for slow, fast in zip(cpu["naive_16"], cpu["augmented_16"], strict=True)]
     assert answer["rounds"]["augmented_vs_naive_16"] == pytest.approx(naive)

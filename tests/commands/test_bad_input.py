@@ -51,7 +51,7 @@ def spoilt(place: Place, tmp_path_factory: pytest.TempPathFactory) -> Path:
     (aside / "effects.json").write_text('{"effects": [{"effect": "gremlins"}]}')
     checkpoint.save(network("delta", ("elbow", "wrist")), aside / "elsewhere")
     checkpoint.save(network("delta", ("pendulum",), fps=200.0), aside / "faster")
-    damaged = checkpoint.save(checkpoint.load_frozen(place.phi / "checkpoint"), aside / "damaged")
+    damaged = checkpoint.save(checkpoint.load_for_inference(place.phi / "checkpoint"), aside / "damaged")
     (damaged / "model.safetensors").write_bytes(b"no weights")
     still = recorded_on(pendulum(), wander((1, 1)))
     write(still, aside / "blink", SIMULATED)

@@ -128,7 +128,7 @@ def test_a_training_in_a_locale_without_phi_says_so_in_other_letters_and_is_the_
     assert ended.returncode == 0, ended.stderr
     assert b"Traceback" not in ended.stderr and "φ".encode() not in ended.stdout + ended.stderr
     done("train", "delta", place.paired, "--out", "plain", *FAST)
-    weights = [checkpoint.load_frozen(here / name / "checkpoint").state_dict() for name in ("run", "plain")]
+    weights = [checkpoint.load_for_inference(here / name / "checkpoint").state_dict() for name in ("run", "plain")]
     assert all(bool((weights[0][key] == weights[1][key]).all()) for key in weights[1])
     program = [sys.executable, "-m", "nas_data", "evaluate", "run", str(place.paired)]
     ended = subprocess.run(program, capture_output=True, check=False, env=os.environ | locale, cwd=here)
@@ -190,7 +190,7 @@ def test_training_says_what_it_did_and_where_the_result_lies(place, here):
 
 def test_a_checkpoint_names_its_data_and_keeps_its_source(place):
     for run, kind in ((place.phi, "delta"), (place.psi, "forward")):
-        model = checkpoint.load_frozen(run / "checkpoint")
+        model = checkpoint.load_for_inference(run / "checkpoint")
         assert model.kind == kind
         assert model.provenance["dataset"]["content_hash"] == read_provenance(place.paired).content_hash
         assert model.provenance["dataset"]["name"] == f"swing/{place.paired.name}"
@@ -226,9 +226,9 @@ def test_the_same_command_gives_the_same_weights(place, here):
 
 def test_some_episodes_train_and_that_is_recorded(place, here):
     done("train", "forward", place.paired, "--out", "run", "--episodes", "5", "2", *FAST)
-    model = checkpoint.load_frozen(Path("run/checkpoint"))
+    model = checkpoint.load_for_inference(Path("run/checkpoint"))
     assert model.provenance["dataset"]["episodes"] == [5, 2]
-    whole = checkpoint.load_frozen(place.psi / "checkpoint")
+    whole = checkpoint.load_for_inference(place.psi / "checkpoint")
     assert not np.array_equal(model.input_mean.numpy(), whole.input_mean.numpy())
 
 
@@ -265,7 +265,7 @@ def test_evaluation_needs_no_model_where_a_source_is_kept(place, here, kind):
             assert len(errors["per_episode"]) == 8
             assert list(errors["per_joint"]) == ["pendulum"]
     assert content["trained_on"]["content_hash"] == read_provenance(place.paired).content_hash
-    expected = evaluate(read(place.raw), pendulum(), checkpoint.load_frozen(run / "checkpoint")).to_json()
+    expected = evaluate(read(place.raw), pendulum(), checkpoint.load_for_inference(run / "checkpoint")).to_json()
     for loop in ("one_step", "open_loop"):
         assert content[loop][name]["overall"] == pytest.approx(expected[loop][name]["overall"], rel=1e-5)
         assert content[loop]["source"]["overall"] == pytest.approx(expected[loop]["source"]["overall"], rel=1e-5)
@@ -297,7 +297,7 @@ def test_evaluation_reads_as_text_and_takes_some_episodes(place, here):
 
 
 def test_psi_is_evaluated_without_any_source(place, here):
-    checkpoint.save(checkpoint.load_frozen(place.psi / "checkpoint"), here / "psi")
+    checkpoint.save(checkpoint.load_for_inference(place.psi / "checkpoint"), here / "psi")
     content = done("evaluate", "psi", place.raw, "--json").json
     assert set(content["open_loop"]) == {"ψ", "hold", "command"}
 
@@ -340,7 +340,7 @@ def test_the_engine_of_a_source_is_remembered(place, here):
     raw = write(read(place.raw).select([0, 1]), here / "raw", SIMULATED)
     done("pair", raw, "--model", "pendulum", "--engine", "bullet", "--out", "paired")
     done("train", "delta", "paired", "--out", "phi", *FAST)
-    model = checkpoint.load_frozen(Path("phi/checkpoint"))
+    model = checkpoint.load_for_inference(Path("phi/checkpoint"))
     assert model.provenance["source"]["engine"] == "bullet"
     kept, given = (
         done("evaluate", "phi", raw, *options, "--json").json["one_step"]["source"]["overall"]

@@ -11,7 +11,12 @@ from support.linear_samples import LinearSimulator
 from support.start_samples import seen
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.start_velocities import CLEAR, StartVelocities, find_start_velocities, fit_velocity
+from nas_data.dataset.start_velocities import (
+    SIGNIFICANT_DEVIATIONS,
+    StartVelocities,
+    find_start_velocities,
+    fit_velocity,
+)
 from nas_data.gap.episode_batch import EpisodeBatch, cut_window
 from nas_data.pairing import read_initial_states
 
@@ -71,7 +76,7 @@ def test_the_uncertainty_of_a_velocity_covers_the_truth(size, frequency, phase, 
     row = round(place * (len(times) - 1))
     positions = read(size * np.sin(turns * times + phase), noise, seed=seed)
     found, deviation = fit_velocity(positions, row, max(noise, 1e-9), rate)
-    assert abs(found - size * turns * np.cos(turns * times[row] + phase)) < CLEAR * deviation
+    assert abs(found - size * turns * np.cos(turns * times[row] + phase)) < SIGNIFICANT_DEVIATIONS * deviation
 
 
 def test_the_uncertainty_of_a_velocity_falls_with_the_noise():
@@ -122,7 +127,9 @@ def test_a_noisy_sensor_of_speed_starts_an_arm_in_motion_but_none_at_rest(noise:
         return seen(read(positions, 0.0, quantum), read(velocities, noise), 100.0, "")
 
     assert np.array_equal(find_start_velocities(sensed(0.0)).values, np.zeros((EPISODES, 1)))
-    moving = sensed(3 * CLEAR * (noise + 0.02))  # the motion itself, up to 2 Hz, looks a little like noise
+    moving = sensed(
+        3 * SIGNIFICANT_DEVIATIONS * (noise + 0.02)
+    )  # the motion itself, up to 2 Hz, looks a little like noise
     found = find_start_velocities(moving)
     assert not found.derived.any()
     assert np.array_equal(found.values[:, 0], moving.states[moving.starts, 1].astype(float))
@@ -152,7 +159,7 @@ def cut(rate: float, noise: float, seed: int) -> tuple[StartVelocities, np.ndarr
 def test_pieces_of_a_motion_start_at_their_speed(rate: float, noise: float, seed: int):
     found, true = cut(rate, noise, seed)
     assert (found.deviations > 0).all()
-    assert (np.abs(found.values[:, 0] - true) < CLEAR * found.deviations[:, 0]).all()
+    assert (np.abs(found.values[:, 0] - true) < SIGNIFICANT_DEVIATIONS * found.deviations[:, 0]).all()
     if noise < 1e-3 and rate > 30:
         assert np.abs(found.values[:, 0] - true).max() < 0.1 * np.abs(true).max()
 
@@ -170,7 +177,10 @@ def test_windows_cut_out_of_an_episode_start_at_its_speed_there():
     for row in (20, 60, 130):
         part = cut_window(evidence, 3, row, 50)
         assert part.initial_velocities[0, 0] == pytest.approx(velocities[3, row], abs=0.05)
-        assert abs(part.initial_velocities[0, 0] - velocities[3, row]) < CLEAR * part.velocity_deviations[0, 0]
+        assert (
+            abs(part.initial_velocities[0, 0] - velocities[3, row])
+            < SIGNIFICANT_DEVIATIONS * part.velocity_deviations[0, 0]
+        )
         assert np.array_equal(part.estimated_velocities, part.initial_velocities)
 
 

@@ -15,7 +15,7 @@ from nas_data.gap.problem import Problem
 from nas_data.gap.summary import summarise
 from nas_data.gap.workflow import train_on_top
 from nas_data.gap.write_model import write_model
-from nas_data.models.checkpoint import find_checkpoint, load_frozen
+from nas_data.models.checkpoint import find_checkpoint, load_for_inference
 from nas_data.models.presets import preset
 from nas_data.simulators.mujoco import MujocoSimulator
 
@@ -34,7 +34,7 @@ def taught(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Mapping[str,
     model, _ = write_model(out, problem.train.nominal, [parse(HIDDEN)], {})
     with pytest.MonkeyPatch.context() as patch:
         small = partial(preset, hidden=8, layers=1, horizon=20)
-        patch.setattr("nas_data.gap.learned.preset", small)
+        patch.setattr("nas_data.gap.phi_shares.preset", small)
         return out, train_on_top(problem, model, 10, lambda _: None)
 
 
@@ -51,7 +51,7 @@ def test_the_shares_are_parts_of_the_gap(taught: tuple[Path, Mapping[str, float]
 
 def test_the_checkpoint_knows_the_model_with_the_names(taught: tuple[Path, Mapping[str, float]]):
     folder, _ = taught
-    model = load_frozen(find_checkpoint(folder / "phi"))
+    model = load_for_inference(find_checkpoint(folder / "phi"))
     assert model.kind == "delta"
     assert model.provenance["source"] == MujocoSimulator.load(folder / "model.xml", 0.01).describe()
 

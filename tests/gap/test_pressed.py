@@ -93,7 +93,7 @@ def test_pads_made_for_a_wrong_size_are_made_anew(given: Problem, tmp_path: Path
 def test_a_file_that_does_not_do_quite_the_same_is_still_the_nearest(
     given: Problem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(added_file, "AS_GOOD", 0.5)
+    monkeypatch.setattr(added_file, "MAX_ERROR_RATIO", 0.5)
     found = outcome(given, tmp_path / "report", LOAD)
     assert not found.whole
     assert flags(tmp_path / "report") == {"load_friction": False}

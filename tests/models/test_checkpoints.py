@@ -20,7 +20,7 @@ def test_a_checkpoint_is_loaded_frozen_and_equal_to_the_last_bit(tmp_path, kind)
     provenance = {"dataset": {"name": "swing/v1-12345678", "content_hash": "12345678"}, "training": {"seed": 3}}
     model = network(kind, ("shoulder", "elbow"), layers=2, relative=False, fps=49.85, provenance=provenance)
     folder = checkpoint.save(model, tmp_path / "checkpoint")
-    loaded = checkpoint.load_frozen(folder)
+    loaded = checkpoint.load_for_inference(folder)
     assert not loaded.training
     assert not any(parameter.requires_grad for parameter in loaded.parameters())
     assert loaded.kind == kind
@@ -50,7 +50,7 @@ def test_a_checkpoint_holds_no_pickle_and_needs_none(tmp_path, monkeypatch):
 
     for name in ("pickle.load", "pickle.loads", "pickle.Unpickler", "torch.load"):
         monkeypatch.setattr(name, forbidden)
-    checkpoint.load_frozen(folder)
+    checkpoint.load_for_inference(folder)
 
 
 def test_parameters_in_one_block_of_memory_are_saved_as_any_others(tmp_path):
@@ -60,7 +60,7 @@ def test_parameters_in_one_block_of_memory_are_saved_as_any_others(tmp_path):
     block = torch.cat([parameter.detach().flatten() for parameter in parameters])
     for parameter, part in zip(parameters, block.split([each.numel() for each in parameters]), strict=True):
         parameter.data = part.view_as(parameter)
-    loaded = checkpoint.load_frozen(checkpoint.save(model, tmp_path / "checkpoint"))
+    loaded = checkpoint.load_for_inference(checkpoint.save(model, tmp_path / "checkpoint"))
     for name, value in model.state_dict().items():
         assert torch.equal(loaded.state_dict()[name], value), name
     assert parameters[0].data_ptr() == block.data_ptr(), "the model itself is unchanged"
@@ -71,7 +71,7 @@ def test_saving_again_replaces_the_checkpoint_and_leaves_nothing_behind(tmp_path
     checkpoint.save(first, tmp_path / "checkpoint", {"source.xml": b"<mujoco/>"})
     checkpoint.save(second, tmp_path / "checkpoint")
     assert [path.name for path in tmp_path.iterdir()] == ["checkpoint"]
-    assert torch.equal(checkpoint.load_frozen(tmp_path / "checkpoint").outer.weight, second.outer.weight)
+    assert torch.equal(checkpoint.load_for_inference(tmp_path / "checkpoint").outer.weight, second.outer.weight)
     assert not (tmp_path / "checkpoint/source.xml").exists()
 
 
@@ -146,7 +146,7 @@ def test_a_checkpoint_that_was_edited_is_refused_with_what_is_wrong_in_it(tmp_pa
     folder = checkpoint.save(network("forward"), tmp_path / "checkpoint")
     spoil(folder, how)
     with pytest.raises(CheckpointError, match=reason + r".*train it again"):
-        checkpoint.load_frozen(folder)
+        checkpoint.load_for_inference(folder)
 
 
 @pytest.mark.parametrize(
@@ -171,7 +171,7 @@ def test_what_is_no_checkpoint_is_refused_in_one_sentence(tmp_path, how):
     folder = checkpoint.save(network("forward"), tmp_path / "checkpoint")
     spoil(folder, how)
     with pytest.raises(CheckpointError, match=r"checkpoint.*train") as error:
-        checkpoint.load_frozen(folder)
+        checkpoint.load_for_inference(folder)
     assert "\n" not in str(error.value)
 
 

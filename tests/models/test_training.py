@@ -32,7 +32,7 @@ from nas_data.models.evaluation import evaluate
 from nas_data.models.losses import TeacherForcing
 from nas_data.models.presets import TrainingOptions, preset
 from nas_data.models.run import TrainingRun
-from nas_data.models.split import MANY, split_validation
+from nas_data.models.split import MIN_DRAWN_FROM, split_validation
 from nas_data.models.training import ModelTraining, cut_validation_rollouts, find_device
 from nas_data.pairing import check_source, pair
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -96,13 +96,13 @@ def test_free_running_lowers_its_loss(swings):
 # statistics
 
 
-@pytest.mark.parametrize("count", [MANY + 4, 5], ids=["whole episodes", "ends of episodes"])
+@pytest.mark.parametrize("count", [MIN_DRAWN_FROM + 4, 5], ids=["whole episodes", "ends of episodes"])
 @pytest.mark.parametrize("kind", ["delta", "forward"])
 def test_what_is_held_out_shapes_no_statistic_and_no_first_weight(count, kind):
     dataset = paired_pendulum((40,) * count)
     options = replace(TINY, validation=0.2)
     before = ModelTraining(kind, dataset, options, device="cpu")
-    if count >= MANY:
+    if count >= MIN_DRAWN_FROM:
         held = [int(number) for number in re.findall(r"\d+", before.split.description)]
         rows = np.concatenate([np.arange(dataset.n_frames)[dataset.episode(index)] for index in held])
     else:

@@ -9,7 +9,7 @@ from support.recording_samples import pendulum
 from support.training_samples import TINY, history, same, train
 
 from nas_data.errors import OutputExists
-from nas_data.models.checkpoint import load_frozen
+from nas_data.models.checkpoint import load_for_inference
 from nas_data.models.divergence import predict_bounded
 from nas_data.models.losses import FreeRunning, TeacherForcing
 from nas_data.models.optimiser import Optimiser
@@ -176,7 +176,7 @@ def test_every_validation_is_told_and_kept(tmp_path, swings):
 def test_the_returned_model_is_the_checkpoint_frozen(tmp_path, swings):
     provenance = {"dataset": {"name": "swings/v1-12345678", "content_hash": "12345678"}}
     model = train(swings, tmp_path / "run", provenance=provenance)
-    assert same(model, load_frozen(tmp_path / "run/checkpoint"))
+    assert same(model, load_for_inference(tmp_path / "run/checkpoint"))
     assert not any(parameter.requires_grad for parameter in model.parameters())
     assert (model.joints, model.fps, model.commands_effort) == (("pendulum",), 50.0, False)
     assert model.provenance["dataset"] == provenance["dataset"]

@@ -15,7 +15,7 @@ from nas_data.effects.base import parse
 from nas_data.envs.ergo_reacher import TASK
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import CheckpointError, JointMismatch, OptionError
-from nas_data.gap.named import Named
+from nas_data.gap.model_correction import ModelCorrection
 from nas_data.gap.write_model import write_effects
 from nas_data.policies.policy import read_config
 from nas_data.reports.runs import find_runs
@@ -58,7 +58,7 @@ def test_a_source_with_the_true_effects_is_the_target(tmp_path):
 @pytest.mark.parametrize("place", ["folder", "file"])
 def test_effects_are_found_in_a_reports_folder_and_by_their_file(tmp_path, place):
     folder = report(tmp_path)
-    named = Named.read(folder if place == "folder" else f"{folder}/effects.json")
+    named = ModelCorrection.read(folder if place == "folder" else f"{folder}/effects.json")
     assert named.effects == tuple(map(parse, TRUE)) and not named.retuned
 
 
@@ -67,7 +67,7 @@ def test_a_report_itself_names_what_its_effects_file_does(tmp_path):
     content = json.loads(file.read_text())
     listed = tmp_path / "report.json"
     listed.write_text(json.dumps({**content, "retuned": [{"parameter": "m2.damping", "factor": 1.1}]}))
-    named, effects_file = Named.read(listed), Named.read(file)
+    named, effects_file = ModelCorrection.read(listed), ModelCorrection.read(file)
     assert named.effects == effects_file.effects == tuple(map(parse, TRUE))
     assert named.retuned == effects_file.retuned == {"m2.damping": 1.1}
 
@@ -77,7 +77,7 @@ def test_factors_of_another_form_are_refused(tmp_path, retuned):
     file = tmp_path / "report.json"
     file.write_text(json.dumps({"effects": [], "retuned": retuned}))
     with pytest.raises(OptionError, match=r"'retuned' in .*report\.json must hold one factor per parameter"):
-        Named.read(file)
+        ModelCorrection.read(file)
 
 
 def test_an_effect_that_mjcf_cannot_express_acts_in_the_loop(tmp_path):

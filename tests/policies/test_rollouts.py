@@ -24,7 +24,7 @@ from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.envs.base import find_task
-from nas_data.envs.ergo_shield import GUARD
+from nas_data.envs.ergo_shield import DEFENDER_RANGE
 from nas_data.envs.ergo_shield import detect_touches as geometric_touches
 from nas_data.errors import OptionError
 from nas_data.hardware.virtual_bus.process import VirtualBus
@@ -170,7 +170,10 @@ def test_a_duel_is_fought_and_kept(capsys, monkeypatch):
 
 def test_a_sword_may_lie_on_a_shield_but_no_arm_on_the_other():
     rng, task = np.random.default_rng(0), find_task("ErgoShield")
-    attackers, defenders = rng.uniform(-1.2, 1.2, (10_000, 6)), rng.uniform(-GUARD, GUARD, (10_000, 6))
+    attackers, defenders = (
+        rng.uniform(-1.2, 1.2, (10_000, 6)),
+        rng.uniform(-DEFENDER_RANGE, DEFENDER_RANGE, (10_000, 6)),
+    )
     poses = np.concatenate([attackers, defenders], axis=1)
     states = np.concatenate([attackers, 0 * attackers, defenders, 0 * defenders], axis=1)
     stepper, touching = task.simulator().stepper(500), []

@@ -14,8 +14,8 @@ from nas_data.gap.showing.page import read_page
 from nas_data.reports.page import ShortFilm, Text
 from nas_data.robots.base import find_robot
 from nas_data.simulators import offscreen
-from nas_data.studies.ablation.material import Amount
 from nas_data.studies.ablation.summary import Cell, Spread, SweepSummary
+from nas_data.studies.ablation.sweep_data import Amount
 from nas_data.studies.ablation.write import write
 
 DATASET = Path(__file__).parents[2] / "datasets/ergojr_sample"

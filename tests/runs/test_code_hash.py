@@ -20,7 +20,7 @@ from nas_data.studies.experiments.pipeline.learning import TRAINED_BY
 SMALL = Hyperparameters(arms=2, rollout=32, minibatches=2, epochs=1)
 
 
-PHI_STEPS = "nas_data.models.frozen.onnx_network"  # imported inside a function
+PHI_STEPS = "nas_data.models.inference.onnx_network"  # imported inside a function
 
 
 def training(environment, dynamics="source"):
@@ -84,8 +84,8 @@ def test_what_steps_phi_decides_policies_that_learn_or_are_judged_on_it(edited, 
     ("root", "reached"),
     [
         ("nas_data.models.run", PHI_STEPS),  # φ is judged while it is trained
-        ("nas_data.gap.workflow", "nas_data.gap.learned"),
-        ("nas_data.envs.loop.learned", "nas_data.models.checkpoint"),
+        ("nas_data.gap.workflow", "nas_data.gap.phi_shares"),
+        ("nas_data.envs.loop.load_model", "nas_data.models.checkpoint"),
         ("nas_data.envs.base", "nas_data.robots.base"),
     ],
 )

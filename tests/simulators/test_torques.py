@@ -15,11 +15,11 @@ from support.training_samples import TINY, check_gradients, history
 from nas_data.envs.base import find_task
 from nas_data.errors import ModelFileError, OptionError
 from nas_data.models.augmented import LearnedStepper
-from nas_data.models.checkpoint import load_frozen
+from nas_data.models.checkpoint import load_for_inference
 from nas_data.models.evaluation import evaluate, predict_one_step, roll_out_model
-from nas_data.models.frozen.base import freeze
-from nas_data.models.frozen.onnx_network import OnnxTorques
-from nas_data.models.frozen.torch_network import TorchNetwork
+from nas_data.models.inference.base import prepare_inference
+from nas_data.models.inference.onnx_network import OnnxTorques
+from nas_data.models.inference.torch_network import TorchNetwork
 from nas_data.models.jacobians import estimate_command_jacobians
 from nas_data.models.lstm import DynamicsModel
 from nas_data.models.presets import preset
@@ -192,7 +192,7 @@ def test_onnx_runtime_says_what_torch_says_and_forgets_the_rows_that_it_shall(op
     model = torque_network(JOINTS, layers=2, **options)
     model = bound(model) if model.symmetry else model
     steps = [[part[:, step].double().numpy() for part in draw(model, 3, 30)] for step in range(30)]
-    ways = freeze(model, 3), TorchNetwork(model, 3)
+    ways = prepare_inference(model, 3), TorchNetwork(model, 3)
     assert isinstance(ways[0], OnnxTorques)
     for number, step in enumerate(steps):
         if number == 10:
@@ -200,7 +200,7 @@ def test_onnx_runtime_says_what_torch_says_and_forgets_the_rows_that_it_shall(op
                 way.reset_memory(np.array([1]))
         last, other = (way.changes(*step) for way in ways)
         np.testing.assert_allclose(last, other, rtol=0, atol=1e-5)
-    fresh = freeze(model, 1)
+    fresh = prepare_inference(model, 1)
     for step in steps[10:]:
         alone = fresh.changes(*(part[1:2] for part in step))
     np.testing.assert_allclose(last[1], alone[0], rtol=0, atol=1e-5)
@@ -274,12 +274,12 @@ def test_the_preset_learns_pushers_torques(tmp_path):
 def test_the_preset_knows_pushers_symmetry(tmp_path):
     training = pushers_torques(6, hidden=8, updates=2, frames=100, horizon=10)
     trained = TrainingRun(training, tmp_path / "a", print).run()
-    loaded = load_frozen(tmp_path / "a/checkpoint")
+    loaded = load_for_inference(tmp_path / "a/checkpoint")
     assert loaded.corrects == "command"
     assert loaded.symmetry == Symmetry((True, False, False), (0.0, 0.785, 1.57), (-1, -1, -1))
     sample = draw(loaded, 2, 5)
     assert torch.equal(loaded.changes(*sample)[0], trained.changes(*sample)[0])
-    assert load_frozen(tmp_path / "a/checkpoint").get_buffer("limit").max() <= 4.0
+    assert load_for_inference(tmp_path / "a/checkpoint").get_buffer("limit").max() <= 4.0
 
 
 @pytest.mark.parametrize(

@@ -18,9 +18,9 @@ from nas_data.reports.style import to_png
 from nas_data.studies.ablation.judging import TrainingData, TrialResult
 from nas_data.studies.ablation.kinds.base import FOLDER as KINDS
 from nas_data.studies.ablation.kinds.base import ModelKind, find_kind
-from nas_data.studies.ablation.material import Amount, divide, draw, parse
-from nas_data.studies.ablation.summary import ENOUGH, Spread, SweepSummary
+from nas_data.studies.ablation.summary import MAX_EXCESS, Spread, SweepSummary
 from nas_data.studies.ablation.sweep import EXECUTORS, find_executor
+from nas_data.studies.ablation.sweep_data import Amount, divide, draw, parse
 from nas_data.studies.ablation.trial import Config
 from nas_data.studies.ablation.write import format_markdown, format_table, make_rows, write
 
@@ -179,7 +179,7 @@ def swept():
 
 
 def test_the_sentence_names_the_smallest_amount_within_five_percent_of_the_best():
-    assert ENOUGH == 0.05
+    assert MAX_EXCESS == 0.05
     found = SweepSummary.of(swept())
     assert {kind: cell.amount.word for kind, cell in found.enough().items()} == {"delta": 20, "forward": "all"}
     assert found.sentence() == (

@@ -28,8 +28,8 @@ from nas_data.runs.environment_info import find_commit
 from nas_data.studies.ablation import trial as trials
 from nas_data.studies.ablation.judging import TrialResult
 from nas_data.studies.ablation.kinds.base import TrainingInput, find_kind
-from nas_data.studies.ablation.material import Amount, SweepData, divide, draw
 from nas_data.studies.ablation.sweep import open_sweep, run_sweep
+from nas_data.studies.ablation.sweep_data import Amount, SweepData, divide, draw
 from nas_data.studies.ablation.trial import UNFINISHED, do_trial
 from nas_data.typed_json import from_json
 
@@ -152,7 +152,7 @@ def test_only_code_that_decides_a_kind_makes_its_trials_other_ones(place, tmp_pa
         return {kind for kind, code in codes().items() if code != before[kind]}
 
     every = {"delta", "forward", "named", "named_delta"}
-    assert changed("nas_data.studies.ablation.material", "def draw") == every
+    assert changed("nas_data.studies.ablation.sweep_data", "def draw") == every
     assert changed("nas_data.simulators.mujoco", "class MujocoSimulator") == every
     assert changed("nas_data.gap.name", "def name") == {"named", "named_delta"}
     assert changed("nas_data.effects.deadband", "half_width") == {"named", "named_delta"}

@@ -11,8 +11,8 @@ from support.sweep_samples import BRIEF, answers, here_and_now, planned, silent
 
 from nas_data.errors import MissingPackage, UnknownName, WorkerLost
 from nas_data.studies.ablation.executors import ray as executor
-from nas_data.studies.ablation.material import Amount
 from nas_data.studies.ablation.sweep import run_sweep
+from nas_data.studies.ablation.sweep_data import Amount
 
 pytestmark = pytest.mark.timeout(180)
 

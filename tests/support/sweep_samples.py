@@ -8,8 +8,8 @@ from support.command_samples import Place
 
 from nas_data.models.presets import preset
 from nas_data.studies.ablation import trial as trials
-from nas_data.studies.ablation.material import Amount, SweepData
 from nas_data.studies.ablation.sweep import SweepPlan
+from nas_data.studies.ablation.sweep_data import Amount, SweepData
 
 BRIEF = ("--hidden", "8", "--updates", "2", "--horizon", "20")
 TINY = preset("fast", hidden=8, layers=1, updates=2, horizon=20, frames=100)

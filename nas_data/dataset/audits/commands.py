@@ -3,16 +3,16 @@
 import numpy as np
 
 from nas_data.dataset.audits.base import AuditFinding, Expected
-from nas_data.dataset.audits.velocity import KNOWN, KNOWN_OF_SLIDES, NEAR
+from nas_data.dataset.audits.velocity import FACTOR_TOLERANCE, KNOWN, KNOWN_OF_SLIDES
 from nas_data.dataset.features import POSITION, VELOCITY
 from nas_data.dataset.recording import Recording
 
-ENOUGH = 20  # rows from which a correlation says something
-FOLLOWED = 1.0  # [s] in which a servo has followed its commands, however slow it is
-ALIKE = 0.7  # correlation from which the position follows the command
+MIN_ROWS = 20  # rows from which a correlation says something
+FOLLOWING_TIME = 1.0  # [s] in which a servo has followed its commands, however slow it is
+MIN_CORRELATION = 0.7  # correlation from which the position follows the command
 DEGREES = 180 / np.pi
-WHILE = 0.25  # [s] over which a commanded velocity and the travel are averaged: servos answer late
-WITHIN = 2.0  # a servo that lags or sags follows with another amplitude, but not by this factor
+AVERAGING_TIME = 0.25  # [s] over which a commanded velocity and the travel are averaged: servos answer late
+MAX_AMPLITUDE_RATIO = 2.0  # a servo that lags or sags follows with another amplitude, but not by this factor
 
 
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
@@ -21,7 +21,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     That factor is about 57 between degrees and radians, 1,000 between millimetres and metres. Commanded positions are
     compared with positions, commanded velocities with how fast positions change.
     """
-    if len(recording) < ENOUGH:
+    if len(recording) < MIN_ROWS:
         return []
     found = []
     speeds = expected.find_commanded(recording.joints, VELOCITY)
@@ -35,17 +35,17 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
         factor = size[0] / size[1]
         slide = joint in expected.slides
         ratio, units = (1e3, "millimetres and metres") if slide else (DEGREES, "degrees and radians")
-        slip = _is_factor(factor, ratio, WITHIN)
+        slip = _is_factor(factor, ratio, MAX_AMPLITUDE_RATIO)
         if speed and not slip:  # such a factor may be a weak servo's as well
             known = KNOWN_OF_SLIDES if slide else KNOWN
-            units = next((words for one, words in known.items() if _is_factor(factor, one, 1 + NEAR)), "")
-        lasting = float(np.ptp(recording.time)) >= FOLLOWED
-        if (slip or (speed and units)) and lasting and abs(likeness) >= ALIKE:
+            units = next((words for one, words in known.items() if _is_factor(factor, one, 1 + FACTOR_TOLERANCE)), "")
+        lasting = float(np.ptp(recording.time)) >= FOLLOWING_TIME
+        if (slip or (speed and units)) and lasting and abs(likeness) >= MIN_CORRELATION:
             times = f"is {factor:.3g} times as fast as" if speed else f"moves {factor:.3g} times as far as"
             what = f"the command of {joint} {times} the position that follows it, about the factor between {units}"
             remedy = "correct the unit in [read.command] or [read.position]"
             found.append(AuditFinding("command_scale", recording.label, what, remedy, error=slip))
-        elif likeness <= -ALIKE:
+        elif likeness <= -MIN_CORRELATION:
             what = f"the position of {joint} moves against its command (correlation {likeness:.2f})"
             remedy = "check 'sign' in [read.command] and [read.position]"
             found.append(AuditFinding("command_sign", recording.label, what, remedy))
@@ -69,7 +69,7 @@ def _average_speeds(recording: Recording, index: int) -> tuple[np.ndarray, np.nd
     Positions tell the actual speed, because a velocity register may be late, coarse or absent.
     """
     time, command, position = recording.time, recording.commands[:, index], recording.positions[:, index]
-    rows = max(1, int(np.searchsorted(time, time[0] + WHILE)))
+    rows = max(1, int(np.searchsorted(time, time[0] + AVERAGING_TIME)))
     asked = np.concatenate([[0.0], np.cumsum(command[:-1] * np.diff(time))])
     spans = np.maximum(time[rows:] - time[:-rows], 1e-9)
     return (asked[rows:] - asked[:-rows]) / spans, (position[rows:] - position[:-rows]) / spans

@@ -6,16 +6,16 @@ from nas_data.dataset.audits.base import AuditFinding, Expected, find_radian_equ
 from nas_data.dataset.features import POSITION, VELOCITY
 from nas_data.dataset.recording import Recording
 
-ENOUGH = 20  # rows from which a correlation says something
-MOVED = 0.05  # [rad] standard deviation of a position that is more than sag or play
-ALIKE = 0.9  # correlation from which a position follows a command
-UNLIKE = 0.5  # correlation up to which it does not
-CLOSER = 0.5  # how much less a position must differ from another joint's command than from its own
+MIN_ROWS = 20  # rows from which a correlation says something
+MIN_DEVIATION = 0.05  # [rad] standard deviation of a position that is more than sag or play
+MIN_CORRELATION = 0.9  # correlation from which a position follows a command
+MAX_UNRELATED_CORRELATION = 0.5  # correlation up to which it does not
+MAX_DISTANCE_RATIO = 0.5  # how much less a position must differ from another joint's command than from its own
 
 
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Report commands that are the measured positions, and joints that follow another joint's command."""
-    if len(recording) < ENOUGH:
+    if len(recording) < MIN_ROWS:
         return []
     return _report_copied_commands(recording, expected) + _report_swapped_commands(recording, expected)
 
@@ -45,10 +45,17 @@ def _report_swapped_commands(recording: Recording, expected: Expected) -> list[A
         joint, position = recording.joints[index], recording.positions[:, index]
         distance = np.where(positional, np.std(position[:, None] - recording.commands, axis=0), np.inf)
         other = int(np.argmin(distance))
-        if other == index or position.std() < MOVED * radians[index] or distance[other] > CLOSER * distance[index]:
+        if (
+            other == index
+            or position.std() < MIN_DEVIATION * radians[index]
+            or distance[other] > MAX_DISTANCE_RATIO * distance[index]
+        ):
             continue
         own = _compute_correlation(position, recording.commands[:, index])
-        if _compute_correlation(position, recording.commands[:, other]) >= ALIKE and own <= UNLIKE:
+        if (
+            _compute_correlation(position, recording.commands[:, other]) >= MIN_CORRELATION
+            and own <= MAX_UNRELATED_CORRELATION
+        ):
             what = (
                 f"the position of {joint} follows the command of {recording.joints[other]} in all rows, not its own "
                 f"(correlation {own:.2f})"

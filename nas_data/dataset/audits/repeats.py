@@ -9,16 +9,16 @@ from nas_data.dataset.noise import SMALLEST, find_quantisation_step
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.rows import find_row_spans
 
-MOVED = 2.5  # [quanta] a joint that moves this far a row cannot give the same reading twice …
-FASTER = 0.2  # … nor one that moves this share of its largest moves, where resampling has blurred the quanta
-AROUND = 0.05  # [s] on either side over which a speed is averaged where no register tells it
+MIN_QUANTA = 2.5  # [quanta] a joint that moves this far a row cannot give the same reading twice …
+MIN_MOVE_SHARE = 0.2  # … nor one that moves this share of its largest moves, where resampling has blurred the quanta
+AVERAGING_TIME = 0.05  # [s] on either side over which a speed is averaged where no register tells it
 COMMANDED = 0.02  # [rad], [rad/s] or [N·m]; a command that moves this far while all readings repeat is worth a word
-LASTING = 0.1  # [s] such repeats that are shorter are ordinary rests of a quantised reading
-STUCK = 1.5  # [s] a joint that is still for so long …
-AWAY = 0.2  # … [rad] while its own command moves so far, does not follow it
-TOLERATED = 0.02  # share of the rows in motion that may repeat: a lost answer now and then
+MIN_REPEAT_SECONDS = 0.1  # [s] such repeats that are shorter are ordinary rests of a quantised reading
+STUCK_SECONDS = 1.5  # [s] a joint that is still for so long …
+MIN_COMMAND_TRAVEL = 0.2  # … [rad] while its own command moves so far, does not follow it
+TOLERATED_SHARE = 0.02  # share of the rows in motion that may repeat: a lost answer now and then
 REGULAR = 0.7  # share of the gaps between repeats that are alike where the device has a rate of its own
-BEATS = 5  # repeats from which a beat can be told
+MIN_BEAT_REPEATS = 5  # repeats from which a beat can be told
 
 
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
@@ -33,7 +33,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
             f"the reading before is repeated in {recording.name_rows(rows)} although the joint moves: "
             f"{_describe_pattern(stale, expected.rate)}"
         )
-        minor = len(rows) <= TOLERATED * np.count_nonzero(moving)
+        minor = len(rows) <= TOLERATED_SHARE * np.count_nonzero(moving)
         found.append(AuditFinding("repeated_samples", recording.label, what, rows=rows, minor=minor))
     held = _find_held_rows(recording, expected, same & ~stale)
     rows = list_row_numbers(recording.rows, held)
@@ -69,22 +69,22 @@ def _find_moving_rows(recording: Recording, expected: Expected) -> np.ndarray:
     if recording.velocities is not None:
         moves = np.abs(recording.velocities) / expected.rate
     else:
-        reach = max(1, round(AROUND * expected.rate))
+        reach = max(1, round(AVERAGING_TIME * expected.rate))
         padded = np.pad(positions, ((reach + 1, reach), (0, 0)), mode="edge")
         before = (padded[reach:-reach] - padded[: -2 * reach])[:-1] / reach
         after = (padded[2 * reach :] - padded[reach:-reach])[1:] / reach
         moves = np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0.0)
     radians = find_radian_equivalents(recording, expected)
-    coarse = MOVED * radians * [find_quantisation_step(column) for column in (positions / radians).T]
+    coarse = MIN_QUANTA * radians * [find_quantisation_step(column) for column in (positions / radians).T]
     large = np.quantile(np.abs(np.diff(positions, axis=0)), 0.99, axis=0)
-    return np.asarray((moves > np.maximum(np.maximum(coarse, FASTER * large), SMALLEST * radians)).any(axis=1))
+    return np.asarray((moves > np.maximum(np.maximum(coarse, MIN_MOVE_SHARE * large), SMALLEST * radians)).any(axis=1))
 
 
 def _describe_pattern(stale: np.ndarray, rate: float) -> str:
     """Say whether repeats come at a beat, which tells the device's own rate [Hz], or here and there."""
     gaps = np.diff(np.flatnonzero(stale))
     beat = gaps[np.abs(gaps - np.median(gaps)) <= 1] if gaps.size else gaps
-    if gaps.size >= BEATS and len(beat) >= REGULAR * len(gaps) and beat.mean() > 1:
+    if gaps.size >= MIN_BEAT_REPEATS and len(beat) >= REGULAR * len(gaps) and beat.mean() > 1:
         device = rate * (1 - 1 / float(beat.mean()))
         return (
             f"they come at a beat, so the robot gave about {device:.3g} readings a second, not {rate:.4g}, and a delay "
@@ -101,7 +101,7 @@ def _find_held_rows(recording: Recording, expected: Expected, same: np.ndarray) 
     commanded = np.concatenate([[False], (np.diff(recording.commands, axis=0) != 0).any(axis=1)])
     for first, last in find_row_spans(np.flatnonzero(same & commanded)):
         commands = recording.commands[first - 1 : last + 1]
-        if (last - first + 1) / expected.rate >= LASTING and (np.ptp(commands, axis=0) > least).any():
+        if (last - first + 1) / expected.rate >= MIN_REPEAT_SECONDS and (np.ptp(commands, axis=0) > least).any():
             held[first : last + 1] = True
     return held
 
@@ -116,8 +116,8 @@ def _report_stuck_joints(recording: Recording, expected: Expected, said: np.ndar
         stuck = np.zeros(len(recording), bool)
         for first, last in find_row_spans(np.flatnonzero(np.diff(position) == 0) + 1):
             known = (said | released)[first : last + 1].any()
-            away = np.ptp(command[first - 1 : last]) > AWAY * radians[index]
-            if (last - first + 1) / expected.rate >= STUCK and away and not known:
+            away = np.ptp(command[first - 1 : last]) > MIN_COMMAND_TRAVEL * radians[index]
+            if (last - first + 1) / expected.rate >= STUCK_SECONDS and away and not known:
                 stuck[first : last + 1] = True
         rows = list_row_numbers(recording.rows, stuck)
         if rows:

@@ -11,7 +11,7 @@ RATE_FACTOR_REFUSED = 3.0  # … and where they are resampled: seconds taken for
 GAP = 2.0  # [periods] step that resampling cannot honestly fill
 MISSING = 10.0  # [periods] fewer missing rows may be jitter or a busy computer …
 SECONDS = 0.2  # … [s] and shorter holes too little motion to lose, also at high rates
-TOLERATED = 0.01  # share of uneven steps that no fit notices
+TOLERATED_SHARE = 0.01  # share of uneven steps that no fit notices
 MOST_REPEATED = 0.5  # share of repeated times above which the clock does not tell when a row was measured
 STEP_ROUNDING = 1e-3  # share of a period that stamps with few digits round off
 
@@ -126,7 +126,7 @@ def _report_uneven_steps(recording: Recording, steps: np.ndarray, expected: Expe
     )
     derived = ", because velocities are derived as if they were" if expected.derived else ""
     remedy = f"add [resample] to the map to space rows evenly{derived}"
-    minor = len(rows) <= TOLERATED * len(steps)
+    minor = len(rows) <= TOLERATED_SHARE * len(steps)
     return [*found, AuditFinding("irregular_time", recording.label, what, remedy, rows, minor=minor)]
 
 

@@ -7,19 +7,21 @@ from nas_data.dataset.audits.velocity import LATEST, STEP, VelocityFit, fit_regi
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.rows import find_row_spans
 
-WHILE = 0.2  # [s]; a register's filter and a coarse encoder even out over it
+WINDOW_SECONDS = 0.2  # [s]; a register's filter and a coarse encoder even out over it
 ROWS = 5  # fewer rows cannot tell a mean speed
-NOTED = 0.3  # [rad/s] difference of mean speeds that is more than the step of a register …
-SHARE = 0.5  # … and the share of the larger speed that no filter takes away
+MIN_SPEED_DIFFERENCE = 0.3  # [rad/s] difference of mean speeds that is more than the step of a register …
+MIN_DIFFERENCE_SHARE = 0.5  # … and the share of the larger speed that no filter takes away
 FROZEN = 0.5  # [s]; a position that never changes for so long …
-CARRIED = 0.1  # [rad] … while the register travels so far, was not measured
-LASTING = 2  # [whiles] one wrong sample spoils one while, a contradiction lasts longer
+MIN_REGISTER_TRAVEL = 0.1  # [rad] … while the register travels so far, was not measured
+MIN_WINDOWS = 2  # [whiles] one wrong sample spoils one while, a contradiction lasts longer
 
 
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Report rows in which a joint's position does not go where its velocity takes it, or the reverse."""
     once = np.concatenate([[True], np.diff(recording.time) > 0])
-    if recording.velocities is None or np.count_nonzero(once) <= LASTING * max(round(WHILE * expected.rate), ROWS):
+    if recording.velocities is None or np.count_nonzero(once) <= MIN_WINDOWS * max(
+        round(WINDOW_SECONDS * expected.rate), ROWS
+    ):
         return []
     found, radians = [], find_radian_equivalents(recording, expected)
     for index, joint in enumerate(recording.joints):
@@ -50,7 +52,7 @@ def _find_contradicting_rows(
 ) -> np.ndarray:
     """Return which rows lie in lasting runs of whiles whose mean speeds disagree, shape (N,)."""
     assert recording.velocities is not None
-    rows = max(round(WHILE * expected.rate), ROWS)
+    rows = max(round(WINDOW_SECONDS * expected.rate), ROWS)
     once = np.concatenate([[True], np.diff(recording.time) > 0])
     time, position = recording.time[once], recording.positions[once, index]
     register = np.interp(time + fit.delay / expected.rate, time, recording.velocities[once, index]) / fit.factor
@@ -61,10 +63,12 @@ def _find_contradicting_rows(
     # Samples of a velocity miss what happens between them: up to half of how much the moves from row to row change.
     changes = np.cumsum(np.abs(np.diff(position, 2, prepend=[position[0]] * 2)))
     missed = (changes[rows:] - changes[:-rows]) / 2 / span
-    apart = np.abs(gone - said) > np.maximum(np.maximum(NOTED * radian, SHARE * larger), missed)
+    apart = np.abs(gone - said) > np.maximum(
+        np.maximum(MIN_SPEED_DIFFERENCE * radian, MIN_DIFFERENCE_SHARE * larger), missed
+    )
     wrong = np.zeros(len(time), bool)
     for first, last in find_row_spans(np.flatnonzero(apart)):
-        if last - first + 1 >= LASTING * rows:
+        if last - first + 1 >= MIN_WINDOWS * rows:
             wrong[first + rows // 2 : last + 1 + rows // 2] = True
     every = np.zeros(len(recording), bool)
     every[once] = wrong
@@ -78,8 +82,12 @@ def _find_frozen_rows(recording: Recording, expected: Expected, index: int, radi
     frozen = np.zeros(len(recording), bool)
     for first, last in find_row_spans(np.flatnonzero(np.diff(position) == 0) + 1):
         late = register[first + int(LATEST) : last + 1]
-        if (last - first + 1) / expected.rate < FROZEN or not late.size or np.abs(late).max() < NOTED * radian:
+        if (
+            (last - first + 1) / expected.rate < FROZEN
+            or not late.size
+            or np.abs(late).max() < MIN_SPEED_DIFFERENCE * radian
+        ):
             continue
-        if np.ptp(np.cumsum(late)) / expected.rate > CARRIED * radian:
+        if np.ptp(np.cumsum(late)) / expected.rate > MIN_REGISTER_TRAVEL * radian:
             frozen[first : last + 1] = True
     return frozen

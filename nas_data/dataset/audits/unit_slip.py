@@ -8,11 +8,11 @@ from nas_data.dataset.joints import LARGEST_ANGLE, LARGEST_LENGTH
 from nas_data.dataset.recording import Recording
 from nas_data.joint_units import find_joint_unit
 
-FURTHEST = {  # by whether a joint is a slide: how far it goes at most, in words too, and what else the log may hold
+LARGEST_POSITIONS = {  # by whether a joint is a slide: how far it goes at most, in words too, and what the log may hold
     False: (LARGEST_ANGLE, "two turns", "degrees or ticks"),
     True: (LARGEST_LENGTH, "any arm's slide goes", "millimetres or ticks"),
 }
-BEYOND = 0.5  # share of the range by which a measured position cannot exceed its limits
+LIMIT_EXCESS_SHARE = 0.5  # share of the range by which a measured position cannot exceed its limits
 
 
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
@@ -30,7 +30,7 @@ def _report_large_values(recording: Recording, expected: Expected, what: str, va
     found = []
     for index, joint in enumerate(recording.joints):
         size = np.abs(values[:, index])
-        most, told, units = FURTHEST[joint in expected.slides]
+        most, told, units = LARGEST_POSITIONS[joint in expected.slides]
         rows = list_row_numbers(recording.rows, size > most)
         if rows:
             unit = find_joint_unit(joint, expected.slides).si
@@ -57,9 +57,9 @@ def _report_limit_excess(recording: Recording, expected: Expected) -> list[Audit
     for joint, (low, high) in expected.limits.items():
         values = recording.positions[:, recording.joints.index(joint)]
         excess = np.maximum(values - high, low - values)
-        rows = list_row_numbers(recording.rows, excess > BEYOND * (high - low))
+        rows = list_row_numbers(recording.rows, excess > LIMIT_EXCESS_SHARE * (high - low))
         if rows:
-            unit, units = find_joint_unit(joint, expected.slides).si, FURTHEST[joint in expected.slides][2]
+            unit, units = find_joint_unit(joint, expected.slides).si, LARGEST_POSITIONS[joint in expected.slides][2]
             what = (
                 f"the position of {joint} is {excess.max():.3g} {unit} beyond its limits {low:.4g} … {high:.4g} {unit} "
                 f"in {recording.name_rows(rows)}"

@@ -9,22 +9,22 @@ from nas_data.dataset.features import POSITION
 from nas_data.dataset.recording import Recording
 from nas_data.joint_units import convert_hinge_unit
 
-UNLIKE = 0.44  # distance as a share of the speed from which they are not the same motion: a correlation of 0.9
-KEPT = 0.95  # share of the rows that are compared
-TOLD = 0.02  # by how much the distance must shrink for a delay to be believed
-AROUND = 0.05  # [s] on either side over which velocities are averaged: one quantum is not a motion
-STEADY = 0.25  # share by which both halves of a span may differ
+UNLIKE_DISTANCE = 0.44  # distance as a share of the speed from which they are not the same motion: a correlation of 0.9
+COMPARED_SHARE = 0.95  # share of the rows that are compared
+MIN_IMPROVEMENT = 0.02  # by how much the distance must shrink for a delay to be believed
+AVERAGING_TIME = 0.05  # [s] on either side over which velocities are averaged: one quantum is not a motion
+HALVES_TOLERANCE = 0.25  # share by which both halves of a span may differ
 SLOWEST = 0.1  # share of the greatest speed from which a row counts
-ENOUGH = 50  # rows in motion from which a factor is worth naming
+MIN_MOVING_ROWS = 50  # rows in motion from which a factor is worth naming
 LATEST, LONGEST = 6.0, 0.06  # [periods], [s] latest register that is looked for
 STEP, FINEST = 0.25, 1e-3  # [periods], [s] between the delays that are tried
 LATE, LEAST = 0.6, 3e-3  # [periods], [s] delay that is reported
-ALIKE = 0.9  # correlation from which register and difference are the same motion
+MIN_CORRELATION = 0.9  # correlation from which register and difference are the same motion
 FACTOR_NOTED = 1.15  # a register filters what it measures, which costs it a few percent of the amplitude
-WHILE = 0.2  # [s]
-SURELY_MOVING = 0.3  # [rad/s] mean speed over that while which any register shows; the STS3215's step is 0.08 rad/s
-NEAR = 0.1  # relative distance within which a factor is a known one …
-EXACTLY = 0.02  # … and where the sampling may be a reason as well
+SPEED_WINDOW = 0.2  # [s]
+CERTAIN_SPEED = 0.3  # [rad/s] mean speed over that while which any register shows; the STS3215's step is 0.08 rad/s
+FACTOR_TOLERANCE = 0.1  # relative distance within which a factor is a known one …
+EXACT_FACTOR_TOLERANCE = 0.02  # … and where the sampling may be a reason as well
 FAST = 0.25  # share of the way to its command in one row from which a sampled velocity is clearly below the mean one
 OVERSHOT = 1.05  # share of the way from which a joint overshoots
 
@@ -103,13 +103,13 @@ def fit_register(recording: Recording, index: int, period: float) -> VelocityFit
     once = np.concatenate([[True], np.diff(recording.time) > 0])
     time, position = recording.time[once], recording.positions[once, index]
     register = recording.velocities[once, index]
-    reach = max(1, round(AROUND / period))
-    if len(time) < max(ENOUGH, 4 * reach) or not np.any(register):
+    reach = max(1, round(AVERAGING_TIME / period))
+    if len(time) < max(MIN_MOVING_ROWS, 4 * reach) or not np.any(register):
         return None
     spans = time[2 * reach :] - time[: -2 * reach]
     first, second = position[reach:-reach] - position[: -2 * reach], position[2 * reach :] - position[reach:-reach]
     speed, middles = (first + second) / spans, time[reach:-reach]
-    steady = np.abs(first - second) <= STEADY * np.maximum(np.abs(first), np.abs(second))
+    steady = np.abs(first - second) <= HALVES_TOLERANCE * np.maximum(np.abs(first), np.abs(second))
     steady &= np.abs(speed) > SLOWEST * np.abs(speed).max()
     travel = np.concatenate([[0.0], np.cumsum((register[1:] + register[:-1]) / 2 * np.diff(time))])
     told = (travel[2 * reach :] - travel[: -2 * reach]) / spans
@@ -117,24 +117,24 @@ def fit_register(recording: Recording, index: int, period: float) -> VelocityFit
     def compare(delay: float) -> tuple[float, float, float]:
         """Return how far register and delayed motion are apart as a share, the delay [s] and the factor."""
         rows = np.flatnonzero(np.interp(middles - delay, middles, steady, left=0, right=0) == 1)
-        if len(rows) < ENOUGH // 2:
+        if len(rows) < MIN_MOVING_ROWS // 2:
             return float(np.inf), delay, 1.0
         factor, apart = _fit(np.interp(middles[rows] - delay, middles, speed), told[rows])
         return apart, delay, factor
 
     best = undelayed = compare(0.0)
-    if undelayed[0] > TOLD:  # else no delay can bring them clearly nearer
+    if undelayed[0] > MIN_IMPROVEMENT:  # else no delay can bring them clearly nearer
         step = max(STEP * period, FINEST)
         delayed = min(
             compare(float(number * step)) for number in range(-1, int(max(LATEST * period, LONGEST) / step) + 2)
         )
         # So steady may the motion be that its delay does not show.
-        best = delayed if delayed[0] < undelayed[0] - TOLD else undelayed
+        best = delayed if delayed[0] < undelayed[0] - MIN_IMPROVEMENT else undelayed
     apart, delay, factor = best
-    if apart > UNLIKE:
+    if apart > UNLIKE_DISTANCE:
         return None
     way = _estimate_travel_share(recording, index)
-    if undelayed[0] > TOLD and way <= FAST:  # else both delays look alike
+    if undelayed[0] > MIN_IMPROVEMENT and way <= FAST:  # else both delays look alike
         delay = _find_delay(time, position, register, period) or delay
     return VelocityFit(factor, delay / period, way)
 
@@ -142,7 +142,7 @@ def fit_register(recording: Recording, index: int, period: float) -> VelocityFit
 def _find_delay(time: np.ndarray, position: np.ndarray, register: np.ndarray, period: float) -> float | None:
     """Return the delay [s] at which register and differenced position are most alike over all rows; None if nowhere."""
     difference, middles = np.diff(position) / np.diff(time), (time[1:] + time[:-1]) / 2
-    best: tuple[float, float | None] = (ALIKE, None)
+    best: tuple[float, float | None] = (MIN_CORRELATION, None)
     for delay in np.arange(-1.0, LATEST + STEP, STEP) * period:
         delayed = np.interp(time - delay, middles, difference)
         size = float(np.linalg.norm(delayed) * np.linalg.norm(register))
@@ -157,7 +157,7 @@ def _fit(earlier: np.ndarray, later: np.ndarray) -> tuple[float, float]:
     Single wrong samples are the finding of another audit.
     """
     rest = np.abs(later - float(np.median(later / earlier)) * earlier)
-    kept = rest <= np.quantile(rest, KEPT)
+    kept = rest <= np.quantile(rest, COMPARED_SHARE)
     earlier, later = earlier[kept], later[kept]
     size = float(np.sqrt(np.mean(later**2)))
     if size == 0:
@@ -169,11 +169,11 @@ def _fit(earlier: np.ndarray, later: np.ndarray) -> tuple[float, float]:
 def _report_silent_registers(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Refuse registers that are zero in all rows although their joint moves."""
     assert recording.velocities is not None
-    rows = max(round(WHILE * expected.rate), 1)
+    rows = max(round(SPEED_WINDOW * expected.rate), 1)
     if len(recording) <= rows:
         return []
     speeds = np.abs(recording.positions[rows:] - recording.positions[:-rows]).max(axis=0) * expected.rate / rows
-    silent = ~recording.velocities.any(axis=0) & (speeds > SURELY_MOVING * find_radian_equivalents(recording, expected))
+    silent = ~recording.velocities.any(axis=0) & (speeds > CERTAIN_SPEED * find_radian_equivalents(recording, expected))
     if not silent.any():
         return []
     names = [joint for joint, zero in zip(recording.joints, silent, strict=True) if zero]
@@ -197,7 +197,7 @@ def _report_wrong_scales(recording: Recording, expected: Expected, fits: dict[st
         size = abs(fit.factor)
         if 1 / FACTOR_NOTED < size < FACTOR_NOTED:
             continue
-        near = EXACTLY if fit.explained() else NEAR
+        near = EXACT_FACTOR_TOLERANCE if fit.explained() else FACTOR_TOLERANCE
         factors = (KNOWN_OF_SLIDES if joint in expected.slides else KNOWN).items()
         known = next((name for factor, name in factors if _is(size, factor, near) or _is(size, 1 / factor, near)), None)
         if fit.explained() and known is None:

@@ -10,9 +10,11 @@ from nas_data.errors import ModelFileError
 from nas_data.mjcf.actuator_lookup import BAND, DAMPING, DRIVE, GAIN, GOAL, PARTS
 from nas_data.mjcf.unique_name import make_unique_name
 
-SHARE = 1e-4  # coefficient of the joint in the servo's tendon; that of the goal is 1
-QUICK = 1 / 200  # goal's inertia over damping · timestep, so that it moves within one physics step
-CALM = 2e-9  # [s²] goal's least inertia per stiffness: MuJoCo takes accelerations over 1e10 rad/s² for a divergence
+JOINT_COEFFICIENT = 1e-4  # coefficient of the joint in the servo's tendon; that of the goal is 1
+GOAL_INERTIA_RATIO = 1 / 200  # goal's inertia over damping · timestep, so that it moves within one physics step
+MIN_GOAL_INERTIA = (
+    2e-9  # [s²] goal's least inertia per stiffness: MuJoCo takes accelerations over 1e10 rad/s² for a divergence
+)
 MASS, INERTIA = 1e-9, 1e-12  # [kg], [kg m²] of the goal's body; MuJoCo requires positive values
 
 
@@ -42,13 +44,15 @@ def insert_goal(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator) -> N
     move_dampers(first, servo)
     limits = read_force_range(servo)
     servo.forcelimited, servo.forcerange = mujoco.mjtLimited.mjLIMITED_FALSE, [0.0, 0.0]
-    multiply_servo(spec, joint, servo, 1 / SHARE)
+    multiply_servo(spec, joint, servo, 1 / JOINT_COEFFICIENT)
     servo.biasprm = np.where(np.arange(len(servo.biasprm)) == 2, 0.0, servo.biasprm)
-    goal = add_goal(spec, first, kp / SHARE)
+    goal = add_goal(spec, first, kp / JOINT_COEFFICIENT)
     servo.trntype = mujoco.mjtTrn.mjTRN_TENDON
-    servo.target = add_sum(spec, joint + DRIVE, {goal.name: 1.0, joint: SHARE})
+    servo.target = add_sum(spec, joint + DRIVE, {goal.name: 1.0, joint: JOINT_COEFFICIENT})
     # the servo's tendon includes this share of the joint already
-    error = add_sum(spec, make_unique_name(spec.tendon, joint + "_error"), {joint: 1 - SHARE, goal.name: -1.0})
+    error = add_sum(
+        spec, make_unique_name(spec.tendon, joint + "_error"), {joint: 1 - JOINT_COEFFICIENT, goal.name: -1.0}
+    )
     add_feedback(spec, joint + GAIN, error, -kp, 0.0)
     add_feedback(spec, joint + BAND, error, kp, 0.0)
     angle = add_sum(spec, make_unique_name(spec.tendon, joint + "_turn"), {joint: 1.0})
@@ -88,7 +92,7 @@ def add_goal(spec: mujoco.MjSpec, first: mujoco.MjsJoint, stiffness: float) -> m
     goal = body.add_joint(name=name, type=first.type, axis=[0, 0, 1])
     clear_joint(goal)
     goal.damping = [stiffness * step, 0.0, 0.0]
-    goal.armature = stiffness * max(QUICK * step**2, CALM)
+    goal.armature = stiffness * max(GOAL_INERTIA_RATIO * step**2, MIN_GOAL_INERTIA)
     return goal
 
 

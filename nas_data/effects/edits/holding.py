@@ -3,10 +3,10 @@
 import mujoco
 import numpy as np
 
-FIRM = 0.999  # impedance (solimp) with which a joint creeps at 2e-6 · torque / inertia [rad/s]
+HOLDING_IMPEDANCE = 0.999  # impedance (solimp) with which a joint creeps at 2e-6 · torque / inertia [rad/s]
 
 
-def stiffen_friction(spec: mujoco.MjSpec, joint: str, least: float = FIRM) -> None:
+def stiffen_friction(spec: mujoco.MjSpec, joint: str, least: float = HOLDING_IMPEDANCE) -> None:
     """Give the friction constraint of a joint at least an impedance, and a time constant of two timesteps."""
     element = spec.joint(joint)
     impedance = element.solimp_friction.copy()

@@ -14,15 +14,15 @@ from nas_data.mjcf.unique_name import make_unique_name
 # and 0.5° at 1 ms, and jam at 2 ms.
 PER_TURN = 0.3  # [m/rad] coefficient of the pad in the servo's tendon: pad force over servo torque [1/m]
 SMALLEST = 0.05  # smaller ratios use the clearance and mass of this ratio
-QUICK = 0.7  # share of the large speed for which the clearance is designed; faster motion hardly jams
+DESIGN_SPEED_SHARE = 0.7  # share of the large speed for which the clearance is designed; faster motion hardly jams
 # Clearance over the distance that the large torque moves the pad in a step. With less, the pad bounces between the
 # stops; with more, it is late when the torque reverses.
 LIGHT = 0.6
 STOPS = 5.0  # radius of the stops and the pad over the clearance between them
 SLIDING = 0.01  # sliding friction; without effect, because the contact is on the axis
-HARD = (0.999, 0.999, 0.001, 0.5, 2.0)  # solimp of the contact
+CONTACT_SOLIMP = (0.999, 0.999, 0.001, 0.5, 2.0)  # solimp of the contact
 TORSION = 4  # condim of a contact with torsional friction
-HIDDEN = 5  # geom group that viewers hide by default
+HIDDEN_GROUP = 5  # geom group that viewers hide by default
 
 
 def press_pad(spec: mujoco.MjSpec, joint: str, ratio: float, torque: float, speed: float) -> None:
@@ -48,7 +48,7 @@ def press_pad(spec: mujoco.MjSpec, joint: str, ratio: float, torque: float, spee
     """
     refuse_joint(spec, joint)
     step, share = spec.option.timestep, max(ratio, SMALLEST)
-    clearance = 2 * QUICK * share * speed * step / PER_TURN
+    clearance = 2 * DESIGN_SPEED_SHARE * share * speed * step / PER_TURN
     mass = LIGHT * PER_TURN * torque * step**2 / clearance
     enable_contacts(spec)
     pad, stops = add_parts(spec, joint, mass, clearance)
@@ -56,7 +56,7 @@ def press_pad(spec: mujoco.MjSpec, joint: str, ratio: float, torque: float, spee
     for stop in stops:
         pair = spec.add_pair(name=make_unique_name(spec.pair, stop), geomname1=pad, geomname2=stop)
         pair.condim, pair.friction = TORSION, [SLIDING, SLIDING, ratio / PER_TURN, 0.0, 0.0]
-        pair.margin, pair.gap, pair.solimp = 0.0, 0.0, HARD
+        pair.margin, pair.gap, pair.solimp = 0.0, 0.0, CONTACT_SOLIMP
         pair.solref = [2 * step, 1.0]  # a stiffer or less damped contact bounces, and then the joint creeps
         pair.solreffriction = [0.0, 0.0]  # zero means: as in normal direction
 
@@ -122,7 +122,7 @@ def add_ball(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, position: np.
     ball = body.add_geom(name=make_unique_name(spec.geom, name), type=mujoco.mjtGeom.mjGEOM_SPHERE)
     ball.size, ball.pos, ball.quat = [radius, 0.0, 0.0], position, [1.0, 0.0, 0.0, 0.0]
     ball.mass, ball.contype, ball.conaffinity = 0.0, 0, 0
-    ball.group, ball.rgba, ball.material = HIDDEN, np.zeros(4), ""
+    ball.group, ball.rgba, ball.material = HIDDEN_GROUP, np.zeros(4), ""
     return str(ball.name)
 
 

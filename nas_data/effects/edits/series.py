@@ -13,7 +13,7 @@ from nas_data.mjcf.unique_name import make_unique_name
 
 SMALLEST = 2e-5  # [kg m²] a hinge with less inertia oscillates at a timestep of 2 ms
 STOP = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp of a stop that holds the motor even through a very light link
-SURE = 0.5  # share of a link's inertia in the reference posture that nearly all postures exceed
+MIN_INERTIA_SHARE = 0.5  # share of a link's inertia in the reference posture that nearly all postures exceed
 
 
 def add_series_joint(spec: mujoco.MjSpec, joint: str, suffix: str) -> mujoco.MjsJoint:
@@ -120,7 +120,7 @@ def compute_missing_armature(spec: mujoco.MjSpec, joint: str, wanted: float) -> 
     """Return the armature that a second joint needs beside its link's inertia for a wanted inertia [kg·m²]."""
     model = spec.compile()
     dof = int(model.joint(joint).dofadr[0])
-    return max(0.0, wanted - SURE * float(model.dof_M0[dof] - model.dof_armature[dof]))
+    return max(0.0, wanted - MIN_INERTIA_SHARE * float(model.dof_M0[dof] - model.dof_armature[dof]))
 
 
 def ensure_measured_tendon(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsTendon:

@@ -10,7 +10,7 @@ from nas_data.effects.base import find_joint_actuator
 from nas_data.errors import ModelFileError
 from nas_data.mjcf.actuator_lookup import BAND, DAMPING, GAIN, GOAL, PARTS, REST_SHIFT, find_driven_joint
 
-ALIKE = 1e-6  # relative tolerance within which a gain equals the feedback
+GAIN_TOLERANCE = 1e-6  # relative tolerance within which a gain equals the feedback
 
 
 def find_position_servo(
@@ -63,7 +63,7 @@ def is_velocity_controlled(actuator: mujoco.MjsActuator) -> bool:
     """Whether the control of an actuator without position feedback is a speed, by its `ctrlspec` or its gains."""
     gain, velocity_feedback = float(actuator.gainprm[0]), -float(actuator.biasprm[2])
     declared = actuator.ctrlspec > 0 and bool(actuator.ctrlspec & int(mujoco.mjtCtrlInput.mjINPUT_VEL))
-    return declared or math.isclose(gain, velocity_feedback, rel_tol=ALIKE)
+    return declared or math.isclose(gain, velocity_feedback, rel_tol=GAIN_TOLERANCE)
 
 
 def compute_control_per_speed(actuator: mujoco.MjsActuator) -> float:

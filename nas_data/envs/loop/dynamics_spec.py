@@ -10,7 +10,7 @@ from nas_data.errors import OptionError
 from nas_data.simulators.base import Simulator, Stepper
 
 if TYPE_CHECKING:
-    from nas_data.gap.named import Named
+    from nas_data.gap.model_correction import ModelCorrection
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class DynamicsSpec:
         simulator = self.simulator()
         if self.checkpoint is None:
             return simulator.stepper(size)
-        from nas_data.envs.loop.learned import load_model
+        from nas_data.envs.loop.load_model import load_model
         from nas_data.models.augmented import LearnedStepper
 
         return LearnedStepper(simulator.stepper(size), load_model(Path(self.checkpoint), simulator))
@@ -116,8 +116,8 @@ class DynamicsSpec:
             "nas_data.envs.loop.task_batch",
             f"nas_data.simulators.{self.engine}",
             *(type(effect).__module__ for effect in effects),
-            *(["nas_data.envs.loop.learned", "nas_data.models.augmented"] if self.checkpoint else []),
-            *(["nas_data.gap.named"] if self.effects else []),
+            *(["nas_data.envs.loop.load_model", "nas_data.models.augmented"] if self.checkpoint else []),
+            *(["nas_data.gap.model_correction"] if self.effects else []),
             *(["nas_data.envs.loop.randomised"] if self.randomised else []),
         )
 
@@ -136,12 +136,12 @@ class DynamicsSpec:
         simulator = MujocoSimulator(robot, self.task.period, self.task.joints, (*effects, make_delay_line()))
         return RandomisedStepper(simulator.stepper(size))
 
-    def _read_named_effects(self) -> "Named | None":
+    def _read_named_effects(self) -> "ModelCorrection | None":
         if self.effects is None:
             return None
-        from nas_data.gap.named import Named
+        from nas_data.gap.model_correction import ModelCorrection
 
-        named = Named.read(self.effects)
+        named = ModelCorrection.read(self.effects)
         if not named.effects and not named.retuned:
             raise OptionError(f"{named.path} names no effect and retunes nothing: that is the plain source.")
         return named
@@ -149,8 +149,8 @@ class DynamicsSpec:
     def _describe_model(self) -> dict[str, object] | None:
         if self.checkpoint is None:
             return None
-        from nas_data.envs.loop.learned import hash_checkpoint
-        from nas_data.models.checkpoint import find_checkpoint, load_frozen
+        from nas_data.envs.loop.load_model import hash_checkpoint
+        from nas_data.models.checkpoint import find_checkpoint, load_for_inference
 
         folder = Path(self.checkpoint)
-        return {"kind": load_frozen(find_checkpoint(folder)).kind, "sha256": hash_checkpoint(folder)}
+        return {"kind": load_for_inference(find_checkpoint(folder)).kind, "sha256": hash_checkpoint(folder)}

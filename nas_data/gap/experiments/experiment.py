@@ -20,7 +20,7 @@ from nas_data.gap.report_parts import TriedExperiment
 __all__ = ["NextExperiment", "RatedExperiment", "Rival", "choose_next_experiment", "write_experiment"]
 
 SHOWN = 2  # most effects that are listed of each rival
-VISIBLE = 1.0  # noise floors; smallest difference of rivals that is worth recording
+MIN_SEPARATION = 1.0  # noise floors; smallest difference of rivals that is worth recording
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def choose_next_experiment(
 def describe_experiment(best: RatedExperiment, rivals: tuple[Rival, Rival], joints: Sequence[str]) -> str:
     """Describe the best experiment and what it distinguishes."""
     one, two = (describe_difference(rival, other) for rival, other in (rivals, rivals[::-1]))
-    if best.separation < VISIBLE:
+    if best.separation < MIN_SEPARATION:
         return (
             f"nothing tried separates {one} from {two}: at best, in {best.trial.name}, the two models would differ by "
             f"{best.separation:.1f} times the noise; a finer sensor or more load would be needed"

@@ -16,18 +16,18 @@ from nas_data.gap.nominal import Nominal
 from nas_data.simulators.mujoco import MujocoSimulator
 
 SHARES = (1.0, 0.6, 0.35, 0.2, 0.1, 0.05)  # shares of the command range, tried in this order
-LOOK = 0.05  # [s] between contact checks
+CONTACT_INTERVAL = 0.05  # [s] between contact checks
 
 SECONDS = 12.0  # [s] duration without the approach
-QUICK = 1.0  # [rad/s or N·m/s] speed between postures
+TRANSFER_SPEED = 1.0  # [rad/s or N·m/s] speed between postures
 POSTURES = 4  # postures with small reversals
-REACH = 0.5  # share of a half range that contains the postures
-SMALL = 0.04  # amplitude of small reversals over a half range, a few times a servo's play
+POSTURE_RANGE = 0.5  # share of a half range that contains the postures
+REVERSAL_AMPLITUDE = 0.04  # amplitude of small reversals over a half range, a few times a servo's play
 REVERSAL = 1.2  # [s] period of small reversals
 REVERSALS = 2.4  # [s] duration in each posture
 LEVELS = (-0.6, -0.2, 0.2, 0.6, 0.4, 0.0, -0.4)  # of a hold grid over a half range, reached from both sides
 MOST_CONCERNED = 2  # most joints that are moved one at a time
-HOLD = 1.0  # [s] at each level
+HOLD_SECONDS = 1.0  # [s] at each level
 
 
 @dataclass(frozen=True)
@@ -48,10 +48,10 @@ class ExperimentDesign:
 def draw_small_reversals(room: CommandRange, moving: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Draw small triangle waves in several postures, which load the joints differently."""
     turns = room.period * np.arange(room.steps(REVERSALS)) / REVERSAL
-    swing = (2 / np.pi * np.arcsin(np.sin(2 * np.pi * turns)))[:, None] * SMALL * room.span * moving
+    swing = (2 / np.pi * np.arcsin(np.sin(2 * np.pi * turns)))[:, None] * REVERSAL_AMPLITUDE * room.span * moving
     here, parts = room.home, []
-    for posture in room.middle + REACH * room.span * rng.uniform(-1, 1, (POSTURES, len(room.home))):
-        parts += [room.ramp(here, posture, QUICK), posture + swing]
+    for posture in room.middle + POSTURE_RANGE * room.span * rng.uniform(-1, 1, (POSTURES, len(room.home))):
+        parts += [room.ramp(here, posture, TRANSFER_SPEED), posture + swing]
         here = posture
     return np.concatenate(parts)
 
@@ -61,7 +61,7 @@ def draw_hold_grid(room: CommandRange, moving: np.ndarray, rng: np.random.Genera
     here, parts = room.home, []
     for level in LEVELS:
         goal = np.where(moving, room.middle + level * room.span, room.home)
-        parts += [room.ramp(here, goal, QUICK), np.repeat(goal[None], room.steps(HOLD), axis=0)]
+        parts += [room.ramp(here, goal, TRANSFER_SPEED), np.repeat(goal[None], room.steps(HOLD_SECONDS), axis=0)]
         here = goal
     return np.concatenate(parts)
 
@@ -125,7 +125,7 @@ def is_harmless(nominal: Nominal, rival: Rival, room: CommandRange, commands: np
         return False
     if (np.abs(np.diff(path, axis=0)).max(0) > room.fastest * room.period).any():
         return False
-    counts = count_contacts(nominal.simulator(), np.array([room.pose, *path[:: room.steps(LOOK)]]))
+    counts = count_contacts(nominal.simulator(), np.array([room.pose, *path[:: room.steps(CONTACT_INTERVAL)]]))
     return bool(counts.max() <= counts[0])
 
 

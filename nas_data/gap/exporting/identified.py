@@ -19,7 +19,7 @@ from nas_data.joint_units import convert_hinge_unit
 from nas_data.typed_json import from_json
 
 ROUNDING = 1e-9  # relative difference up to which values are equal
-ALIKE = 1e-3  # relative difference up to which a report's value is that of an effects.json
+RELATIVE_TOLERANCE = 1e-3  # relative difference up to which a report's value is that of an effects.json
 UNITS = {
     "gain": "N·m/rad",
     "servo_damping": "N·m·s/rad",
@@ -117,7 +117,7 @@ def read_intervals(path: Path, effects: Sequence[Effect]) -> Intervals:
     return {
         key: (low, high)
         for key, (value, low, high) in known.items()
-        if key in values and math.isclose(value, values[key], rel_tol=ALIKE)
+        if key in values and math.isclose(value, values[key], rel_tol=RELATIVE_TOLERANCE)
     }
 
 

@@ -15,7 +15,7 @@ from nas_data.dataset.features import TIME
 from nas_data.dataset.recording import has_derived_velocities
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding.conditions import Loads
-from nas_data.gap.finding.recorded import STILL, RecordedRows
+from nas_data.gap.finding.recorded import RESTING_FLOORS, RecordedRows
 from nas_data.gap.finding.torque_off import TORQUE, find_torque_on, keep_torque_on
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.overlaps import Overlap
@@ -143,7 +143,7 @@ def check_contacts(examined: Examined) -> Check:
     )
 
 
-STEADY = 1e-6  # [rad or N·m] within which a command is constant
+CONSTANT_TOLERANCE = 1e-6  # [rad or N·m] within which a command is constant
 
 
 def check_excitation(examined: Examined) -> Check:
@@ -164,13 +164,13 @@ def join_chosen(evidence: EpisodeBatch, chosen: np.ndarray) -> str:
 
 def find_constant_commands(evidence: EpisodeBatch) -> np.ndarray:
     """Return which joints have constant commands, shape (n,)."""
-    return np.asarray(np.ptp(evidence.commands[evidence.mask], axis=0) <= STEADY)
+    return np.asarray(np.ptp(evidence.commands[evidence.mask], axis=0) <= CONSTANT_TOLERANCE)
 
 
 def find_unmoved_joints(evidence: EpisodeBatch, floor: np.ndarray) -> np.ndarray:
     """Return which joints do not move in any episode, shape (n,)."""
     span = np.ptp(np.concatenate([evidence.initial_positions[:, None], evidence.measured], axis=1), axis=1)
-    return np.asarray(span.max(axis=0) <= STILL * floor)
+    return np.asarray(span.max(axis=0) <= RESTING_FLOORS * floor)
 
 
 def check_model(examined: Examined) -> Check:
@@ -179,8 +179,8 @@ def check_model(examined: Examined) -> Check:
     return Check("model", " ".join(notes) or "It is simulated as it was handed over.", ok=not notes)
 
 
-NOTED = 0.01  # share of the rows above which a joint is reported
-MOSTLY = 0.5  # share of the rows at the limit above which the gain is too high
+REPORTED_SHARE = 0.01  # share of the rows above which a joint is reported
+EXCESSIVE_SHARE = 0.5  # share of the rows at the limit above which the gain is too high
 ROUNDING = 1e-5  # [the commands' unit]; commands are stored as float32
 
 
@@ -190,11 +190,11 @@ def check_saturation(examined: Examined) -> Check:
     saturated = examined.loads.saturated[counts].mean(axis=0)
     beyond = find_out_of_range(examined)[counts].mean(axis=0)
     said = []
-    if (saturated > NOTED).any():
+    if (saturated > REPORTED_SHARE).any():
         said.append(f"the model's servo is at its torque limit in {describe_shares(examined, saturated)}")
-    if (saturated > MOSTLY).any():
+    if (saturated > EXCESSIVE_SHARE).any():
         said.append("most of the time at the limit is a gain (kp) too high for its torque: look at the model")
-    if (beyond > NOTED).any():
+    if (beyond > REPORTED_SHARE).any():
         said.append(
             f"commands leave the model's range in {describe_shares(examined, beyond)}: the model cuts them off, "
             "the robot may have done otherwise"
@@ -204,13 +204,19 @@ def check_saturation(examined: Examined) -> Check:
             "saturation", "The model's servos are below their torque limits and the commands within its ranges."
         )
     text = "; ".join(said)
-    return Check("saturation", text[0].upper() + text[1:] + ".", not ((saturated > MOSTLY) | (beyond > NOTED)).any())
+    return Check(
+        "saturation",
+        text[0].upper() + text[1:] + ".",
+        not ((saturated > EXCESSIVE_SHARE) | (beyond > REPORTED_SHARE)).any(),
+    )
 
 
 def describe_shares(examined: Examined, values: np.ndarray) -> str:
-    """Return joints with their shares of the rows, above `NOTED`."""
+    """Return joints with their shares of the rows, above `REPORTED_SHARE`."""
     pairs = zip(examined.nominal.joints, values, strict=True)
-    return join_items([f"{format_percent(value)} of the rows of {joint}" for joint, value in pairs if value > NOTED])
+    return join_items(
+        [f"{format_percent(value)} of the rows of {joint}" for joint, value in pairs if value > REPORTED_SHARE]
+    )
 
 
 def find_out_of_range(examined: Examined) -> np.ndarray:

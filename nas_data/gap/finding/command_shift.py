@@ -13,11 +13,11 @@ from nas_data.gap.report_parts import Check
 SHIFTS = (-3, -2, -1, 0, 1, 2, 3)  # [rows] by which commands are shifted; positive is later
 SLIPS = 2  # [rows] largest shift that an error of the log explains
 WINDOW = 0.1  # [s] over which motions are compared, so that static errors cancel
-BETTER = 0.9  # largest ratio of errors with over without a shift that is clearly better
-MOST = 0.75  # smallest share of the episodes in which it is
+MAX_ERROR_RATIO = 0.9  # largest ratio of errors with over without a shift that is clearly better
+MIN_EPISODE_SHARE = 0.75  # smallest share of the episodes in which it is
 EPISODES = 16  # most episodes that are compared
 SECONDS = 20.0  # [s] of each
-VISIBLE = 2.0  # smallest error, in standard deviations of a difference of two readings
+MIN_ERROR = 2.0  # smallest error, in standard deviations of a difference of two readings
 
 
 def check_command_shift(examined: Examined) -> Check:
@@ -76,8 +76,12 @@ def find_best_shifts(examined: Examined) -> tuple[np.ndarray, np.ndarray]:
     errors = np.stack([measure_shift_errors(examined, shift) for shift in SHIFTS])
     usual = errors[SHIFTS.index(0)]
     ratios = errors / usual
-    visible = np.median(usual, axis=0) > VISIBLE * np.sqrt(2) * examined.floor
-    clear = (np.median(ratios, axis=1) < BETTER) & ((ratios < BETTER).mean(axis=1) >= MOST) & visible
+    visible = np.median(usual, axis=0) > MIN_ERROR * np.sqrt(2) * examined.floor
+    clear = (
+        (np.median(ratios, axis=1) < MAX_ERROR_RATIO)
+        & ((ratios < MAX_ERROR_RATIO).mean(axis=1) >= MIN_EPISODE_SHARE)
+        & visible
+    )
     best = np.argmin(np.where(clear, np.median(ratios, axis=1), np.inf), axis=0)
     return np.where(clear.any(axis=0), np.array(SHIFTS)[best], 0), visible
 

@@ -78,8 +78,8 @@ def read_torque_limits(simulator: MujocoSimulator) -> tuple[np.ndarray, np.ndarr
     return low, high
 
 
-AFTER = 0.2  # [s] after a reversal
-NEAR = 0.05  # share of a joint's range near each limit
+REVERSAL_SECONDS = 0.2  # [s] after a reversal
+LIMIT_SHARE = 0.05  # share of a joint's range near each limit
 SMALLEST_LOAD = 1e-4  # [N·m] smallest difference between light and heavy postures
 
 
@@ -124,7 +124,7 @@ def bin_by_reversal(setting: ConditionInputs) -> Condition:
     sign = find_last_direction(setting)
     turned = np.zeros(sign.shape, bool)
     turned[:, 1:] = sign[:, 1:] * sign[:, :-1] < 0
-    rows = max(1, round(AFTER / setting.nominal.period))
+    rows = max(1, round(REVERSAL_SECONDS / setting.nominal.period))
     total = np.cumsum(turned, axis=1)
     earlier = np.pad(total, ((0, 0), (rows, 0), (0, 0)))[:, : total.shape[1]]
     return Condition("reversal", ("other times", "after a reversal"), np.where(sign == 0, -1, total > earlier))
@@ -176,7 +176,7 @@ def bin_by_joint_limits(setting: ConditionInputs) -> Condition:
             room = np.minimum(
                 setting.recorded.positions[..., column] - low, high - setting.recorded.positions[..., column]
             )
-            labels[..., column] = room < NEAR * (high - low)
+            labels[..., column] = room < LIMIT_SHARE * (high - low)
     return Condition("joint limits", ("away", "near"), labels)
 
 

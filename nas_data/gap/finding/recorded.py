@@ -9,8 +9,8 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import TIME
 from nas_data.gap.episode_batch import EpisodeBatch, pad_rows
 
-AROUND = 0.05  # [s] on either side of a reading over which its velocity is averaged
-STILL = 4.0  # noise floors; a joint that moves less is at rest; one quantum is √12 floors
+AVERAGING_TIME = 0.05  # [s] on either side of a reading over which its velocity is averaged
+RESTING_FLOORS = 4.0  # noise floors; a joint that moves less is at rest; one quantum is √12 floors
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,8 @@ class RecordedRows:
     @property
     def reach(self) -> int:
         """Number of rows on either side over which a velocity is averaged."""
-        return max(1, round(AROUND / self.evidence.period))
+        return max(1, round(AVERAGING_TIME / self.evidence.period))
 
     def moving(self, floor: np.ndarray) -> np.ndarray:
         """Return the rows in which a joint moved, for noise floors [rad; m] (n,); shape (E, T, n)."""
-        return np.asarray((np.abs(self.moved) > STILL * floor) & self.evidence.mask[..., None])
+        return np.asarray((np.abs(self.moved) > RESTING_FLOORS * floor) & self.evidence.mask[..., None])

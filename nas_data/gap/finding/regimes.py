@@ -18,9 +18,9 @@ from nas_data.gap.finding.conditions import Condition
 from nas_data.gap.report_parts import Bin
 
 LEVEL = 0.05  # probability of one false alarm among all bins of an arm
-COUNTED = 2**14  # most permutations that are enumerated
-DRAWN = 20_000  # permutations sampled otherwise
-SLACK = 1e-9  # relative rounding error of equal sums
+MAX_ENUMERATED = 2**14  # most permutations that are enumerated
+SAMPLED_PERMUTATIONS = 20_000  # permutations sampled otherwise
+SUM_TOLERANCE = 1e-9  # relative rounding error of equal sums
 
 
 def compute_paired_chance(differences: np.ndarray, rng: np.random.Generator) -> float:
@@ -28,11 +28,11 @@ def compute_paired_chance(differences: np.ndarray, rng: np.random.Generator) -> 
     count = len(differences)
     if not count:
         return 1.0
-    exact = 2**count <= COUNTED
+    exact = 2**count <= MAX_ENUMERATED
     if exact:
         signs = 1 - 2 * (np.arange(2**count)[:, None] >> np.arange(count) & 1)
     else:
-        signs = rng.choice((-1, 1), (DRAWN, count))
+        signs = rng.choice((-1, 1), (SAMPLED_PERMUTATIONS, count))
     return _compute_p_value(signs @ differences, float(differences.sum()), exact)
 
 
@@ -42,18 +42,18 @@ def compute_grouped_chance(values: np.ndarray, chosen: np.ndarray, rng: np.rando
     if not 0 < size < count:
         return 1.0
     centred = values - values.mean()
-    exact = comb(count, size) <= COUNTED
+    exact = comb(count, size) <= MAX_ENUMERATED
     if exact:
         sums = np.array([centred[list(rows)].sum() for rows in combinations(range(count), size)])
     else:
-        order = rng.random((DRAWN, count)).argsort(axis=1)[:, :size]
+        order = rng.random((SAMPLED_PERMUTATIONS, count)).argsort(axis=1)[:, :size]
         sums = centred[order].sum(axis=1)
     return _compute_p_value(sums, float(centred[chosen].sum()), exact)
 
 
 def _compute_p_value(sums: np.ndarray, found: float, exact: bool) -> float:
     """Return the share of permutations with a sum at least as large in size, including the observed one."""
-    as_large = int((np.abs(sums) >= abs(found) * (1 - SLACK)).sum())
+    as_large = int((np.abs(sums) >= abs(found) * (1 - SUM_TOLERANCE)).sum())
     return as_large / len(sums) if exact else (1 + as_large) / (1 + len(sums))
 
 
@@ -71,9 +71,9 @@ def count_episodes_needed(tests: int, level: float = LEVEL) -> int:
     return int(np.ceil(np.log2(2 * max(tests, 1) / level)))
 
 
-FEWEST = 20  # fewest rows inside and outside a bin
-VISIBLE = 1.2  # noise floors above which a joint's bins are tested
-PRESENT = 5  # fewest rows inside and outside a bin in an episode
+MIN_BIN_ROWS = 20  # fewest rows inside and outside a bin
+TESTED_FLOORS = 1.2  # noise floors above which a joint's bins are tested
+MIN_EPISODE_ROWS = 5  # fewest rows inside and outside a bin in an episode
 SEED = 0
 
 
@@ -120,11 +120,11 @@ def measure_bin(
     """Return one bin of one joint with errors (E, T), uncorrected; None with too few rows."""
     labels, squared = condition.labels[..., joint], errors**2
     here, there = labels == number, (labels >= 0) & (labels != number)
-    if min(here.sum(), there.sum()) < FEWEST:
+    if min(here.sum(), there.sum()) < MIN_BIN_ROWS:
         return None
     rmse, rest = (float(np.sqrt(squared[rows].mean())) for rows in (here, there))
     compare = compare_between if condition.whole_episodes else compare_within
-    visible = squared[evidence.mask].mean() > (VISIBLE * floor) ** 2
+    visible = squared[evidence.mask].mean() > (TESTED_FLOORS * floor) ** 2
     return Bin(
         joint=evidence.joints[joint],
         regime=condition.name,
@@ -144,7 +144,7 @@ def compare_within(
     squared: np.ndarray, here: np.ndarray, there: np.ndarray, floor: float, rng: np.random.Generator
 ) -> float:
     """Return the p-value of a difference between two sets of rows (E, T) within episodes."""
-    both = (here.sum(1) >= PRESENT) & (there.sum(1) >= PRESENT)
+    both = (here.sum(1) >= MIN_EPISODE_ROWS) & (there.sum(1) >= MIN_EPISODE_ROWS)
     logs = [compute_log_mean(squared[both], rows[both], floor) for rows in (here, there)]
     return compute_paired_chance(logs[0] - logs[1], rng)
 

@@ -6,10 +6,10 @@ from nas_data.gap.report_parts import Bin, Check, JointGap
 from nas_data.joint_units import SLIDE, JointUnit, find_display_unit, format_table_unit
 from nas_data.text_table import align_columns
 
-SHOWN = 3  # most regimes per joint
-LARGER = 1.2  # ratio of errors inside over outside a bin above which it is shown
-VISIBLE = 1.5  # noise floors above which a joint's regimes are shown
-TURNING = 0.3  # ratio of mean over RMS error above which its sign is shown
+MAX_REGIMES = 3  # most regimes per joint
+SHOWN_RATIO = 1.2  # ratio of errors inside over outside a bin above which it is shown
+SHOWN_FLOORS = 1.5  # noise floors above which a joint's regimes are shown
+SIGNED_RATIO = 0.3  # ratio of mean over RMS error above which its sign is shown
 COLUMNS = {
     "noise": "floor",
     "one step": "one_step",
@@ -58,11 +58,11 @@ def format_regimes(joints: Mapping[str, JointGap], regimes: Sequence[Bin]) -> st
     lines = []
     for joint, gap in joints.items():
         bins = [measured for measured in regimes if measured.joint == joint]
-        worst = [b for b in bins if b.significant and b.rmse > LARGER * b.rest]
-        worst = sorted(worst, key=lambda measured: -measured.rmse / max(measured.rest, 1e-9))[:SHOWN]
+        worst = [b for b in bins if b.significant and b.rmse > SHOWN_RATIO * b.rest]
+        worst = sorted(worst, key=lambda measured: -measured.rmse / max(measured.rest, 1e-9))[:MAX_REGIMES]
         unit = find_display_unit(gap.unit)
         said = [describe_bin(measured, unit) for measured in worst] + describe_direction_errors(bins, gap.floor, unit)
-        if said and gap.ratio_to_noise > VISIBLE:
+        if said and gap.ratio_to_noise > SHOWN_FLOORS:
             lines.append(f"  {joint}  " + "; ".join(said))
     return "\n".join(lines) if lines else "  nowhere in particular"
 
@@ -79,7 +79,7 @@ def describe_direction_errors(bins: Sequence[Bin], floor: float, unit: JointUnit
     if len(ways) < 2:
         return []
     back, forth = ways["negative"], ways["positive"]
-    small = any(abs(way.mean) < max(VISIBLE * floor, TURNING * way.rmse) for way in (back, forth))
+    small = any(abs(way.mean) < max(SHOWN_FLOORS * floor, SIGNED_RATIO * way.rmse) for way in (back, forth))
     if small or back.mean * forth.mean > 0:
         return []
     ahead = "is ahead of" if forth.mean > 0 else "lags"

@@ -2,7 +2,14 @@
 
 from dataclasses import dataclass
 
-from nas_data.gap.search.constants import FAR_ABOVE, FEW, LITTLE, MANY, MUCH, PARTS_PER_JOINT
+from nas_data.gap.search.constants import (
+    FAR_ABOVE,
+    GAIN_SHARE,
+    LARGE_SIZE,
+    NEGLIGIBLE_GAIN,
+    PARTS_PER_JOINT,
+    SIMPLE_SIZE,
+)
 from nas_data.gap.search.fit import fit
 from nas_data.gap.search.hypothesis import Hypothesis
 from nas_data.gap.search.moves import add, drop, line_scan, restart
@@ -43,7 +50,7 @@ def choose(search: Search) -> Choice:
     if is_near := bool(search.floor_ratios(plain).max() <= FAR_ABOVE):
         plain = refine_smooth(search, plain)
     there, early = search.current_round, None
-    if 0 < search.count_unexplained(plain) <= FEW:
+    if 0 < search.count_unexplained(plain) <= SIMPLE_SIZE:
         search.return_to(first)
         early = search_up(search, search.null)
         free = search.rescore(plain)
@@ -89,7 +96,7 @@ def search_both(search: Search, first: Round, plain: Hypothesis, early: Hypothes
         search.return_to(first)
         up = search_up(search, search.null, down if is_explained(search, down) else None, first_addition)
     up, lower = search.rescore(up), search.rescore(down)
-    is_far_ahead = lower.score.over(up.score) > MUCH * search.null.score.over(up.score)
+    is_far_ahead = lower.score.over(up.score) > GAIN_SHARE * search.null.score.over(up.score)
     if (is_large or is_far_ahead or is_explained(search, up)) and up.score <= lower.score:
         return search.relinearise(up) if early else up
     down = search_up(search, search.relinearise(down))
@@ -149,7 +156,7 @@ def search_down(search: Search, plain: Hypothesis) -> Hypothesis:
 def is_simple(h: Hypothesis) -> bool:
     """Whether a hypothesis has few parts, or parts of one kind only."""
     kinds = {part if isinstance(part, str) else part.name() for part in drop.list_parts(h)}
-    return len(drop.list_parts(h)) <= FEW or len(kinds) == 1
+    return len(drop.list_parts(h)) <= SIMPLE_SIZE or len(kinds) == 1
 
 
 def is_explained(search: Search, h: Hypothesis) -> bool:
@@ -175,7 +182,7 @@ def refine(search: Search, h: Hypothesis) -> Hypothesis:
     comparison allows. Effects that compensated half-way are dropped at its end. This is skipped for many effects, where
     each fit takes minutes.
     """
-    while 0 < len(h.effects) <= MANY and line_scan.find_joints_far_above(search, h):
+    while 0 < len(h.effects) <= LARGE_SIZE and line_scan.find_joints_far_above(search, h):
         before = search.null.score.over(h.score)
         h = search.relinearise(line_scan.apply(search, h))
         better = restart.apply(search, h)
@@ -184,7 +191,7 @@ def refine(search: Search, h: Hypothesis) -> Hypothesis:
         if better is not h:
             h = search.relinearise(better)
         gained = search.null.score.over(h.score)
-        if gained - before < LITTLE * gained:
+        if gained - before < NEGLIGIBLE_GAIN * gained:
             break
         h = apply_moves(search, h, MOVES_OF_REVIEW)
         search.report("fitted on", h)
@@ -198,4 +205,4 @@ def is_stuck(search: Search, h: Hypothesis, gained_before: float) -> bool:
     """
     gained = search.null.score.over(h.score)
     lost = set(line_scan.find_joints_far_above(search, h)) == search.excited
-    return lost and gained - gained_before < LITTLE * gained
+    return lost and gained - gained_before < NEGLIGIBLE_GAIN * gained

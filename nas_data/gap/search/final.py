@@ -15,7 +15,7 @@ from nas_data.gap.search.parameters import FreeParameters
 from nas_data.joint_units import convert_hinge_unit
 
 ROUNDS = 2  # most fits, each with the timestep correction computed at the result of the last
-SETTLED = 0.02  # largest change of θ, 2 % of a parameter, after which the correction is not computed again
+SETTLED_CHANGE = 0.02  # largest change of θ, 2 % of a parameter, after which the correction is not computed again
 FORM_DEVIATION = 0.01  # relative standard deviation between two formulations of one effect
 MAX_RATIO = 1.3  # largest ratio of a parameter between two halves of the episodes that agree
 BOUND_MARGIN = 1e-6  # distance of log(factor) from a bound that counts as on it
@@ -64,7 +64,7 @@ def fit_final(task: FitTask, description: Description, factors: dict[str, float]
         better = fit(task, parameters, theta, known, steps=3, jacobian_refreshes=0)
         if better is None:
             break
-        settled = found is not None or np.abs(better.theta - theta).max(initial=0.0) < SETTLED
+        settled = found is not None or np.abs(better.theta - theta).max(initial=0.0) < SETTLED_CHANGE
         found, theta = better, better.theta
         if settled:
             break

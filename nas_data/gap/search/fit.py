@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nas_data.effects.base import Effect
-from nas_data.gap.search.constants import CONVERGED
+from nas_data.gap.search.constants import CONVERGED_GAIN
 from nas_data.gap.search.objective import FitTask, MovedJoints, Score
 from nas_data.gap.search.parameters import STEP, FreeParameters, Label
 from nas_data.gap.side_by_side import map_in_parallel
@@ -218,7 +218,7 @@ def fit(
 
 def compute_convergence_tolerance(task: FitTask) -> float:
     """Return the gain of the loss below which a fit has converged [nats]."""
-    return CONVERGED * max(1.0, float(task.observations.sum()))
+    return CONVERGED_GAIN * max(1.0, float(task.observations.sum()))
 
 
 def broyden_update(jacobian: np.ndarray, change: np.ndarray, moved: np.ndarray) -> np.ndarray:

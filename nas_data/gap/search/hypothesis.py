@@ -7,7 +7,7 @@ import numpy as np
 
 from nas_data.effects.base import Effect
 from nas_data.gap.nominal_parameters import NominalParameter
-from nas_data.gap.search.constants import BEYOND_PRIOR, EXCITED, PARAMETER_PRICE, PRICE
+from nas_data.gap.search.constants import BEYOND_PRIOR, EXCITED_RATIO, PARAMETER_PRICE, PRICE
 from nas_data.gap.search.fit import Fit
 from nas_data.gap.search.objective import FitTask, Score
 from nas_data.gap.search.parameters import FreeParameters, Label, select_free_base
@@ -121,7 +121,7 @@ def excited_joints(task: FitTask) -> set[str]:
     """Return the joints that were commanded to move and moved; the data say nothing about the others."""
     evidence = task.evidence
     commanded = np.ptp(evidence.commands, axis=1).max(0) > 0
-    moved = np.ptp(evidence.measured, axis=1).max(0) > EXCITED * task.floor
+    moved = np.ptp(evidence.measured, axis=1).max(0) > EXCITED_RATIO * task.floor
     return {joint for joint, excited in zip(evidence.joints, commanded & moved, strict=True) if excited}
 
 

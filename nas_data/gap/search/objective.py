@@ -11,7 +11,7 @@ from nas_data.errors import ModelFileError
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.integrator import find_whole_step
 from nas_data.gap.nominal import Nominal, find_fine_timestep, with_timestep
-from nas_data.gap.search.constants import CORRELATION, MUCH, SOME
+from nas_data.gap.search.constants import CORRELATION, ERROR_SHARE, GAIN_SHARE
 from nas_data.gap.search.parameters import FreeParameters
 
 MULTIPLES = (4, 2)  # multiples of the model's timestep for rollouts of a search, tried in this order
@@ -122,7 +122,7 @@ class FitTask:
         predicted = task.predict(parameters, theta)
         if predicted is None:
             return task
-        return replace(task, tolerated_error=SOME * np.sqrt(task.evidence.mean_squares(predicted).mean(0)))
+        return replace(task, tolerated_error=ERROR_SHARE * np.sqrt(task.evidence.mean_squares(predicted).mean(0)))
 
     def reestimate(self, parameters: FreeParameters, theta: np.ndarray) -> "FitTask":
         """Return the task with initial states and timestep correction estimated anew, as a new objective."""
@@ -215,7 +215,7 @@ class FitTask:
                 except ModelFileError:
                     continue
                 changes = self.evidence.mean_squares(self.evidence.measured + predicted - target).mean(0)
-                if (changes < MUCH**2 * errors).all():
+                if (changes < GAIN_SHARE**2 * errors).all():
                     return coarse, predicted
         return None
 

@@ -13,7 +13,7 @@ from nas_data.effects.edits.servo import read_servo_stiffness
 from nas_data.effects.joint_offset import JointOffset
 from nas_data.gap.episode_batch import cut_windows
 from nas_data.gap.nominal_parameters import MAX_LOG_CHANGE, NominalParameter, read_own_value
-from nas_data.gap.search.constants import AT_FLOOR, PRICE, SHORT_WINDOW, SOME, TRIED
+from nas_data.gap.search.constants import AT_FLOOR, ERROR_SHARE, MAX_ALTERNATIVES, PRICE, SHORT_WINDOW
 from nas_data.gap.search.fit import Fit, find_label_joint, fit, group_moved_joints, is_effect_or_freed
 from nas_data.gap.search.hypothesis import Description, Hypothesis, reuse_jacobian
 from nas_data.gap.search.objective import FitTask
@@ -26,7 +26,7 @@ from nas_data.gap.side_by_side import map_in_parallel
 SHORT_STEPS = 8_000  # most physics steps of one rollout of short windows
 FACTORS = (1.0, 0.3, 0.1, 0.03)  # initial factors of all gains; filters take the first and the last
 INITIAL_SHARE = 0.1  # of a joint\'s scale: initial value of an effect that the model lacks
-NEARLY = 0.3  # [nats per observation] by which a start may be worse than the best and still be fitted
+START_TOLERANCE = 0.3  # [nats per observation] by which a start may be worse than the best and still be fitted
 FACTOR, ADDED, LOWERED = "factor", "added", "lowered"
 EFFECT_OF_PARAMETER = {  # effect: the equivalent freed parameter, and how its value is converted
     "servo_stiffness": ("gain", FACTOR),
@@ -130,9 +130,11 @@ def fit_short_windows(search: Search, description: Description) -> Fit | None:
     observation = float(task.observations.sum()) * len(task.floor)
     misfits = np.array([task.misfit(rows) for rows in predicted]) / observation
     order = np.argsort(misfits)
-    if not misfits[order[0]] < misfits[0] - SOME:
+    if not misfits[order[0]] < misfits[0] - ERROR_SHARE:
         return None
-    best = [starts[number] for number in order[:TRIED] if misfits[number] < misfits[order[0]] + NEARLY]
+    best = [
+        starts[number] for number in order[:MAX_ALTERNATIVES] if misfits[number] < misfits[order[0]] + START_TOLERANCE
+    ]
     first = task.relinearise(parameters, best[0])
     fitted = map_in_parallel(lambda theta: fit(first, parameters, theta, steps=4, jacobian_refreshes=1), best)
     found = min(filter(None, fitted), key=lambda one: one.loss)

@@ -11,10 +11,10 @@ from nas_data.gap.search.constants import (
     AT_FLOOR,
     EXPLAINED,
     FAR_BEHIND,
-    LEADERS,
-    LITTLE,
+    MAX_LEADERS,
+    MAX_ROUNDS,
+    NEGLIGIBLE_GAIN,
     ODD_ERROR,
-    ROUNDS,
     SEARCH_EPISODES,
     SEARCH_ROWS,
 )
@@ -176,10 +176,10 @@ class Search:
         the valley of the other parameters. If much changes, the bounded base parameters also restart at the model's
         values, since they had compensated for the missing effect.
         """
-        for _ in range(ROUNDS):
+        for _ in range(MAX_ROUNDS):
             better = self.fit_round(h)
             gained = self.null.score.over(better.score)
-            if self.rescore(h).score.over(better.score) < max(FAR_BEHIND, LITTLE * gained):
+            if self.rescore(h).score.over(better.score) < max(FAR_BEHIND, NEGLIGIBLE_GAIN * gained):
                 return better
             h = min(better, self.fit_anew(better), key=lambda one: one.score)
         return h
@@ -314,5 +314,5 @@ def choose_episodes(task: FitTask) -> np.ndarray:
     squares = task.floor**2 + task.evidence.mean_squares(task.nominal.predict(task.evidence))
     oddness = np.sqrt((squares / np.median(squares, axis=0)).max(axis=1))
     oddness[even] = 0.0
-    odd = [episode for episode in np.argsort(-oddness)[:LEADERS] if oddness[episode] > ODD_ERROR]
+    odd = [episode for episode in np.argsort(-oddness)[:MAX_LEADERS] if oddness[episode] > ODD_ERROR]
     return np.sort(np.concatenate([even, np.array(odd, dtype=int)]))

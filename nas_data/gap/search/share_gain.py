@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 
 from nas_data.effects.base import Effect, make_effect
-from nas_data.gap.search.constants import FEW
+from nas_data.gap.search.constants import SIMPLE_SIZE
 from nas_data.gap.search.hypothesis import Hypothesis
 from nas_data.gap.search.search import Search
 from nas_data.gap.side_by_side import map_in_parallel
@@ -22,7 +22,7 @@ def share_gain(search: Search, plain: Hypothesis) -> Hypothesis:
     multiplied as its gain was.
     """
     joints = [name.rsplit(".", 1)[0] for name in sorted(plain.description.freed) if name.endswith(".gain")]
-    if min(len(joints), search.count_unexplained(plain)) < FEW:
+    if min(len(joints), search.count_unexplained(plain)) < SIMPLE_SIZE:
         return plain
     logs = [math.log(plain.fit.factors[f"{joint}.gain"]) for joint in joints]
     starts = (math.exp(sum(logs) / len(logs)), 1.0)

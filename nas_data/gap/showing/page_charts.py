@@ -41,7 +41,7 @@ SYMBOLS = {BEFORE: "circle", RETUNED: "square-open", PLAIN: "triangle-down", AFT
 TITLES = {BEFORE: "before (stock model)", RETUNED: "retuned (no name)"}
 DELIVERED = {"names and plain": "names and plain fit", "plain": "plain fit", "given": "as given"}
 HEAT = [[0.0, "#ffffd9"], [0.3, "#fecc5c"], [0.65, "#f03b20"], [1.0, "#800026"]]
-LEAST = 3.0  # smallest maximum of the colour scale [noise floors], so that small gaps do not look large
+MIN_COLOUR_SCALE = 3.0  # smallest maximum of the colour scale [noise floors], so that small gaps do not look large
 WINDOW = 0.1  # [s] over which errors are averaged when drawn over time
 QUARTILES = (0.25, 0.5, 0.75)
 
@@ -212,7 +212,7 @@ def draw_regimes_chart(report: GapReport) -> list[Chart]:
         ratios[where] = entry.ratio_to_noise
         digits = 1 if entry.ratio_to_noise < 100 else 0
         texts[where] = f"{entry.ratio_to_noise:.{digits}f}{'*' if entry.significant else ''}"
-    top = max(LEAST, float(np.nanmax(ratios)))
+    top = max(MIN_COLOUR_SCALE, float(np.nanmax(ratios)))
     ticks = [value for value in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000) if value <= top]
     scale = {
         "tickvals": np.log10(ticks),

@@ -24,7 +24,7 @@ from nas_data.joint_units import find_joint_unit
 from nas_data.reports.page import Facts, HtmlTable
 
 SHOWN = 3  # most listed conditions per joint
-LARGER = 1.2  # ratio of errors inside over outside a condition above which it is listed
+SHOWN_RATIO = 1.2  # ratio of errors inside over outside a condition above which it is listed
 MANY = 12  # most episodes whose numbers are listed
 NONE = "–"
 
@@ -115,7 +115,7 @@ def make_regimes_table(report: GapReport) -> list[HtmlTable]:
 
 def select_largest(bins: Sequence[Bin]) -> list[Bin]:
     """Return the significant conditions with the largest errors of each joint."""
-    chosen = [b for b in bins if b.significant and b.rmse > LARGER * b.rest]
+    chosen = [b for b in bins if b.significant and b.rmse > SHOWN_RATIO * b.rest]
     joints = dict.fromkeys(b.joint for b in chosen)
     ranked = sorted(chosen, key=lambda b: -b.rmse / max(b.rest, 1e-9))
     return [b for joint in joints for b in [b for b in ranked if b.joint == joint][:SHOWN]]

@@ -10,7 +10,7 @@ import numpy as np
 from nas_data.errors import OptionError
 from nas_data.joint_units import JointUnit, group_by_kind
 
-NOTHING = 1 / 3  # noise floors; smaller errors are drawn at this value
+SMALLEST_DRAWN = 1 / 3  # noise floors; smaller errors are drawn at this value
 SERIES = "series.npz"
 
 
@@ -91,7 +91,7 @@ class Series:
 
         Errors of a joint that never moved are rounding errors; they stand at a share of its floor.
         """
-        return np.maximum(self.by_joint(predicted), NOTHING * self.floor)
+        return np.maximum(self.by_joint(predicted), SMALLEST_DRAWN * self.floor)
 
     def by_episode(self, predicted: np.ndarray) -> np.ndarray:
         """Return the RMSE of each episode over the joints of the first kind, shape (E,)."""

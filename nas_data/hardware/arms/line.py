@@ -25,7 +25,7 @@ LONGEST = 0.5  # [s] to wait for silence
 LISTENING = 5.0  # [ms] in which a second servo with the same ID would answer as well
 PSEUDO_TERMINALS = "/dev/pts/"
 LENIENCE = 0.15  # [s] of extra timeout for virtual servos: their process must first be scheduled
-LOOK = 0.002  # [s] read timeout with virtual servos; blocking leaves the processor to their process
+POLL_TIMEOUT = 0.002  # [s] read timeout with virtual servos; blocking leaves the processor to their process
 SUCCESS = 0  # COMM_SUCCESS of both SDKs
 
 
@@ -260,7 +260,7 @@ def _extend_timeout(port: Any) -> None:
         usual(length)
         port.packet_timeout += LENIENCE * 1e3
 
-    port.setPacketTimeout, port.ser.timeout = wait_longer, LOOK
+    port.setPacketTimeout, port.ser.timeout = wait_longer, POLL_TIMEOUT
 
 
 @contextmanager

@@ -13,7 +13,7 @@ import numpy as np
 from nas_data.envs.base import Task
 from nas_data.envs.ergo_shield import ErgoShield, detect_touches
 from nas_data.errors import OptionError
-from nas_data.policies.rollouts.robot_stepper import AHEAD, RobotStepper, RolloutTally
+from nas_data.policies.rollouts.robot_stepper import LOOKAHEAD, RobotStepper, RolloutTally
 from nas_data.policies.rollouts.two_arm_planner import Approach, TwoArmPlanner, make_two_arm_planner
 from nas_data.recorders.arm_motion import ArmMotion
 from nas_data.recorders.guarded import GuardedArm, Setup
@@ -152,7 +152,7 @@ class ArmSetup:
                 task.simulator(),
                 touching,
                 approach,
-                AHEAD * (self.attacker.driver.speed or NO_LOAD_SPEED),
+                LOOKAHEAD * (self.attacker.driver.speed or NO_LOAD_SPEED),
                 tally,
             )
             yield noticed, stepper

@@ -30,7 +30,7 @@ from nas_data.policies.evaluate import Returns
 from nas_data.policies.rollouts.robot_stepper import ArmAttempt, RolloutTally
 from nas_data.policies.rollouts.rollout import RolloutScore, read_judgements
 from nas_data.recorders.arm_dataset import to_dataset
-from nas_data.recorders.under_way import (
+from nas_data.recorders.recording_folder import (
     choose_recording_folder,
     complete,
     describe_progress,

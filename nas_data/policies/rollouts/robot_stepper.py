@@ -14,7 +14,7 @@ from nas_data.recorders.retry import TRIES, Retry
 from nas_data.simulators.base import Simulator
 
 HOT = 55.0  # [°C] at which the arms pause between two episodes; a servo shuts down at 65 °C
-AHEAD = 0.1  # [s] lookahead of the collision check
+LOOKAHEAD = 0.1  # [s] lookahead of the collision check
 
 
 @dataclass
@@ -185,7 +185,7 @@ class RobotStepper:
         n = len(self.joints)
         here, velocities = self._measured()
         attacker, defender = slice(0, n), slice(n, len(goal))
-        soon = here + velocities * AHEAD
+        soon = here + velocities * LOOKAHEAD
         if self._is_safe(goal, soon):
             return self._accept(goal, slice(0, len(goal)))
         self.tally.held_back += 1

@@ -131,8 +131,8 @@ def make_two_arm_planner(edges: bool = False, clearance: float = 0.0) -> PathPla
 
 PLANS = 5  # attempts to plan a path and follow it
 SEEKING = 10.0  # [s] allowed for planning a path
-AHEAD = 0.1  # [s] lookahead of the collision check
-STILL = 0.15  # [rad/s] below which an arm counts as standing still
+LOOKAHEAD = 0.1  # [s] lookahead of the collision check
+RESTING_SPEED = 0.15  # [rad/s] below which an arm counts as standing still
 PATIENCE = 1.0  # [s] to wait until the arms stand still
 
 
@@ -176,7 +176,7 @@ class Approach:
         for _ in range(round(PATIENCE / self._period)):
             self._send(stay)
             here, velocities = self._read()
-            if np.abs(velocities).max() < STILL:
+            if np.abs(velocities).max() < RESTING_SPEED:
                 break
         return here
 
@@ -184,11 +184,11 @@ class Approach:
         """Follow waypoints [rad], shape (k, 2n), and hold the last; return False at a predicted collision."""
         slow = [plan_slow_path(a, b, self._period) for a, b in pairwise(corners)]
         path = np.concatenate([*slow, np.repeat(corners[-1:], round(SETTLE / self._period), axis=0)])
-        ahead, self._due = round(AHEAD / self._period), self._clock.now() + LEAD
+        ahead, self._due = round(LOOKAHEAD / self._period), self._clock.now() + LEAD
         for number, pose in enumerate(path):
             here, _ = self._read()
             soon = path[min(number + ahead, len(path) - 1)]
-            near = here + np.clip(soon - here, -AHEAD * APPROACH, AHEAD * APPROACH)
+            near = here + np.clip(soon - here, -LOOKAHEAD * APPROACH, LOOKAHEAD * APPROACH)
             if self._touching.enters_contact(here, near):
                 return False
             self._send(pose)

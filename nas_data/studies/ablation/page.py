@@ -12,7 +12,7 @@ from nas_data.studies.ablation.kinds.base import find_kind
 from nas_data.studies.ablation.summary import JSON, Cell, SweepSummary
 from nas_data.studies.ablation.write import HEADERS, make_rows
 
-WIDER = 1.05  # margin factor of the axis of amounts
+AXIS_MARGIN = 1.05  # margin factor of the axis of amounts
 TITLES = {"open_loop": "open loop", "one_step": "one step"}
 
 
@@ -28,7 +28,9 @@ def read_page(folder: Path) -> HtmlPage:
 def build(summary: SweepSummary, name: str) -> HtmlPage:
     """Return the page of a sweep with a name."""
     drawn: list[Block] = [make_errors_chart(summary, loop) for loop in TITLES] if summary.cells else []
-    what = f"Position RMSE on held-out episodes, mean of the episodes [{summary.shown.shown}]; spread over seeds."
+    what = (
+        f"Position RMSE on held-out episodes, mean of the episodes [{summary.shown.mark.strip()}]; spread over seeds."
+    )
     sections = [
         PageSection("", [Text(summary.sentence(), lead=True)]),
         PageSection("Error over the amount of data", drawn),
@@ -48,7 +50,7 @@ def make_errors_chart(summary: SweepSummary, loop: str) -> Chart:
         for trace in make_curve(cells, loop, labels[kind], looks[labels[kind]], summary.shown.factor)
     ]
     amounts = sorted({cell.size for cells in summary.cells.values() for cell in cells})
-    ends = np.array([amounts[0] / WIDER, amounts[-1] * WIDER])
+    ends = np.array([amounts[0] / AXIS_MARGIN, amounts[-1] * AXIS_MARGIN])
     across = {name: summary.shown.factor * both[loop].median for name, both in summary.baselines.items()}
     traces += [
         make_line(ends, np.full(2, value), name, looks[name]) for name, value in across.items() if 0 < value < np.inf
@@ -61,7 +63,8 @@ def make_errors_chart(summary: SweepSummary, loop: str) -> Chart:
     }
     caption = (
         f"Held-out error, {TITLES[loop]}: median over seeds, and a band from the lowest to the highest. Lines "
-        "across are predictors that learn nothing. Where a seed diverged there is no band."
+        "across learn nothing: the simulator as given (source), the first position (hold), the command (command). "
+        "Where a seed diverged there is no band."
     )
     return Chart(loop, caption, traces, layout, height=440)
 

@@ -12,11 +12,11 @@ from nas_data.errors import OptionError
 from nas_data.joint_units import HINGE, JointUnit, find_display_unit
 from nas_data.studies.ablation.judging import BASELINES, TrialResult
 from nas_data.studies.ablation.kinds.base import find_kind
-from nas_data.studies.ablation.material import Amount, Unit
+from nas_data.studies.ablation.sweep_data import Amount, Unit
 from nas_data.studies.ablation.trial import Config
 
 JSON = "ablation.json"
-ENOUGH = 0.05  # relative excess of the median error over the best one at a sufficient amount
+MAX_EXCESS = 0.05  # relative excess of the median error over the best one at a sufficient amount
 LOOPS = ("open_loop", "one_step")
 
 Outcome = tuple[Config, TrialResult]
@@ -112,7 +112,7 @@ class SweepSummary:
         """Return for each kind the smallest amount whose median open-loop error is within 5 % of its best."""
         found = {}
         for kind, cells in self.cells.items():
-            limit = (1 + ENOUGH) * find_best(cells).errors["open_loop"].median
+            limit = (1 + MAX_EXCESS) * find_best(cells).errors["open_loop"].median
             if math.isfinite(limit):
                 found[kind] = next(cell for cell in cells if cell.errors["open_loop"].median <= limit)
         return found
@@ -121,7 +121,7 @@ class SweepSummary:
         """Return a sentence on the sufficient amount of data."""
         enough = self.enough()
         parts = [self._describe(kind, enough.get(kind)) for kind in self.cells]
-        head = f"Smallest amount of data whose median open-loop error is within {ENOUGH:.0%} of the kind's best: "
+        head = f"Smallest amount of data whose median open-loop error is within {MAX_EXCESS:.0%} of the kind's best: "
         return head + "; ".join(parts) + "." if parts else "No trial succeeded."
 
     def _describe(self, kind: str, cell: Cell | None) -> str:

@@ -27,7 +27,7 @@ from nas_data.sources import SourceModel
 from nas_data.studies.ablation.judging import TrialResult
 from nas_data.studies.ablation.kinds.base import FOLDER, ModelKind, find_kind
 from nas_data.studies.ablation.kinds.named import read_named
-from nas_data.studies.ablation.material import Amount, Content, SweepData, check_enough
+from nas_data.studies.ablation.sweep_data import Amount, Content, SweepData, check_enough
 from nas_data.studies.ablation.trial import TRIALS, UNFINISHED, Config, Trial, do_trial, hash_trial_code
 from nas_data.typed_json import from_json
 from nas_data.visible_files import list_visible_files

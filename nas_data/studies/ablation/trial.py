@@ -23,7 +23,7 @@ from nas_data.runs.environment_info import find_commit
 from nas_data.sources import SourceModel
 from nas_data.studies.ablation.judging import TrainingData, TrialResult, judge
 from nas_data.studies.ablation.kinds.base import FOLDER, TrainingInput, find_kind
-from nas_data.studies.ablation.material import Amount, Content, Run, SweepData, draw
+from nas_data.studies.ablation.sweep_data import Amount, Content, Run, SweepData, draw
 from nas_data.typed_json import as_object
 
 SCHEMA = 1

@@ -9,7 +9,7 @@ from nas_data.dataset.layout import SOURCE
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
-from nas_data.gap.named import Named
+from nas_data.gap.model_correction import ModelCorrection
 from nas_data.gap.showing.page_words import list_effects
 from nas_data.gap.summary import describe_errors, summarise
 from nas_data.gap.workflow import investigate
@@ -107,5 +107,5 @@ def read_named_dynamics(demo: Demo) -> DynamicsSpec | None:
     folder = demo.folder / FOLDER
     if not (folder / EFFECTS).is_file():
         return None
-    named = Named.read(folder)
+    named = ModelCorrection.read(folder)
     return DynamicsSpec(demo.plan.environment, effects=str(folder)) if named.effects or named.retuned else None

@@ -17,7 +17,7 @@ from nas_data.reports.style import to_png
 from nas_data.runs.parallel import run_jobs
 from nas_data.runs.progress import format_duration
 from nas_data.runs.stages import INDENT
-from nas_data.studies.ablation.summary import ENOUGH
+from nas_data.studies.ablation.summary import MAX_EXCESS
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request, ResultTable
 from nas_data.studies.experiments.pipeline.artifacts import Artifacts
 from nas_data.studies.experiments.pipeline.authors import RETURN_BY_COUNT
@@ -144,7 +144,7 @@ def sweep(
 def find_sufficient_count(counts: tuple[int, ...], returns: np.ndarray) -> int:
     """Return the smallest count whose median return is within 5 % of the best median."""
     medians = np.median(returns, axis=1)
-    enough = medians >= medians.max() - ENOUGH * abs(medians.max())
+    enough = medians >= medians.max() - MAX_EXCESS * abs(medians.max())
     return counts[int(np.argmax(enough))]
 
 
@@ -159,7 +159,7 @@ def describe_sufficient_count(method: str, counts: tuple[int, ...], returns: np.
         )
     best, count = int(np.argmax(medians)), find_sufficient_count(counts, returns)
     told = f"{LEARNED_ON[method]}: smallest number of trajectories whose median return is within "
-    told += f"{ENOUGH:.0%} of the best: {count} ({medians[counts.index(count)]:.2f}; best {medians[best]:.2f} with "
+    told += f"{MAX_EXCESS:.0%} of the best: {count} ({medians[counts.index(count)]:.2f}; best {medians[best]:.2f} with "
     told += f"{counts[best]})"
     return told + (", the most that was tried, so that more may help." if count == counts[-1] else ".")
 

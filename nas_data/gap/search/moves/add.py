@@ -3,7 +3,16 @@
 from collections.abc import Sequence
 
 from nas_data.count_of import count_of
-from nas_data.gap.search.constants import EXPLAINED, FAR_BEHIND, LEADERS, MANY, PARAMETER_PRICE, PRICE, SHORTLIST, TRIED
+from nas_data.gap.search.constants import (
+    EXPLAINED,
+    FAR_BEHIND,
+    LARGE_SIZE,
+    MAX_ALTERNATIVES,
+    MAX_LEADERS,
+    PARAMETER_PRICE,
+    PRICE,
+    SHORTLIST,
+)
 from nas_data.gap.search.fit import Fit
 from nas_data.gap.search.hypothesis import (
     Description,
@@ -27,7 +36,7 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
     better = add_best(search, h, ranked if h.effects else look_ahead(search, h, ranked))
     if better is h and around is not h.fit:
         better = add_best(search, h, extend(search, h, h.fit))
-    if better is h and len(h.effects) <= MANY:
+    if better is h and len(h.effects) <= LARGE_SIZE:
         better = add_best(search, h, fit_worst_joints(search, h))
     return better
 
@@ -85,7 +94,7 @@ def shortlist(found: Sequence[Candidate], kept_loss: float, slack: float) -> lis
         if candidate.loss.nats < kept_loss:
             leaders.setdefault(candidate.effect.joint, candidate)
     others = [c for c in found if c.loss.nats < kept_loss + slack and leaders.get(c.effect.joint) is not c]
-    chosen = [*leaders.values(), *others[: max(SHORTLIST - len(leaders), TRIED)]]
+    chosen = [*leaders.values(), *others[: max(SHORTLIST - len(leaders), MAX_ALTERNATIVES)]]
     return sorted(chosen, key=lambda candidate: candidate.loss)
 
 
@@ -97,7 +106,7 @@ def fit_worst_joints(search: Search, kept: Hypothesis) -> list[Hypothesis]:
     """
     rest = zip(search.floor_ratios(kept), search.train.nominal.joints, strict=True)
     left = sorted(((r, joint) for r, joint in rest if r > EXPLAINED and joint in search.excited), reverse=True)
-    worst = {joint for _, joint in left[:LEADERS]}
+    worst = {joint for _, joint in left[:MAX_LEADERS]}
     if not worst:
         return []
     found, _ = search.screen_candidates(kept.fit, kept, worst)
@@ -123,7 +132,7 @@ def fit_candidates(search: Search, kept: Hypothesis, around: Fit, candidates: Se
 
     quick = map_in_parallel(fit_briefly, candidates)
     ranked = sorted((h for h in quick if h and not search.ends_with_equivalent(h)), key=lambda h: h.score)
-    ahead = [h for h in ranked if h.score < ranked[0].score + FAR_BEHIND][:TRIED]
+    ahead = [h for h in ranked if h.score < ranked[0].score + FAR_BEHIND][:MAX_ALTERNATIVES]
     thorough = map_in_parallel(lambda h: optional_parameters.apply(search, search.fit_further(h)), ahead)
     return sorted([*thorough, *ranked[len(ahead) :]], key=lambda h: h.score)
 
@@ -139,7 +148,7 @@ def extend_all_joints(
     """Fit the best effects in all joints at once, because servos of one make often lack the same effect."""
     names = dict.fromkeys(h.effects[-1].name() for h in ranked if h.effects[-1].joint and h.score < kept.score)
     useful = [c for c in found if c.effect.joint and c.loss.nats < kept_loss - PRICE]
-    alike = [[c for c in useful if c.effect.name() == name] for name in list(names)[:LEADERS]]
+    alike = [[c for c in useful if c.effect.name() == name] for name in list(names)[:MAX_LEADERS]]
     fitted = []
     for group in alike:
         if len(group) > 1:
@@ -156,8 +165,8 @@ def look_ahead(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis]) -
     soft servo needs friction beside it before it explains what a dead band explains alone. Nothing is done if a
     hypothesis already explains every joint.
     """
-    several = [h for h in ranked if len(h.effects) > len(kept.effects) + 1 and h.score < kept.score][:LEADERS]
-    if len(several) < LEADERS or ranked[0] is not several[0] or not search.find_joints_above_floor(ranked[0]):
+    several = [h for h in ranked if len(h.effects) > len(kept.effects) + 1 and h.score < kept.score][:MAX_LEADERS]
+    if len(several) < MAX_LEADERS or ranked[0] is not several[0] or not search.find_joints_above_floor(ranked[0]):
         return list(ranked)
     leads = [min([h, *extend(search, h, h.fit)], key=lambda one: one.score) for h in several]
     best = min(leads, key=lambda one: one.score)

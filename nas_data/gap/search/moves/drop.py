@@ -7,7 +7,7 @@ import numpy as np
 from nas_data.count_of import count_of
 from nas_data.effects.base import Effect
 from nas_data.gap.nominal_parameters import NominalParameter, read_own_value
-from nas_data.gap.search.constants import FAR_BEHIND, MANY, PRICE, SHORTLIST
+from nas_data.gap.search.constants import FAR_BEHIND, LARGE_SIZE, PRICE, SHORTLIST
 from nas_data.gap.search.fit import MAX_STEP, build_normal_equations
 from nas_data.gap.search.hypothesis import Description, Hypothesis, compute_effect_price, effect_key
 from nas_data.gap.search.parameters import SIGNED_SCALE, FreeParameters
@@ -22,7 +22,7 @@ Part = Effect | str
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
     """Drop parts of low saliency while the score falls; several at a time if there are many."""
     while list_parts(h):
-        better = drop_several(search, h) if len(list_parts(h)) > MANY else h
+        better = drop_several(search, h) if len(list_parts(h)) > LARGE_SIZE else h
         better = drop_one(search, h) if better is h else better
         if better is h:
             return h

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from nas_data.gap.search.constants import FAR_ABOVE, PRICE, ROUNDS
+from nas_data.gap.search.constants import FAR_ABOVE, MAX_ROUNDS, PRICE
 from nas_data.gap.search.fit import Fit, evaluate_loss
 from nas_data.gap.search.hypothesis import Hypothesis
 from nas_data.gap.search.objective import FitTask, Score
@@ -100,7 +100,7 @@ def scan(
     """Return the best θ of scans along single parameters, repeated while they gain enough, and its loss."""
     best, reached = theta, evaluate_loss(task, parameters, theta)
     for apart, reach in scans:
-        for _ in range(ROUNDS):
+        for _ in range(MAX_ROUNDS):
             before = reached
             for column in columns:
                 places = vary_column(parameters, best, column, np.arange(-reach, reach + apart, apart))

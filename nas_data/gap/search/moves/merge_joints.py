@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from nas_data.effects.base import Effect, make_effect
-from nas_data.gap.search.constants import MUCH
+from nas_data.gap.search.constants import GAIN_SHARE
 from nas_data.gap.search.hypothesis import Description, Hypothesis, effect_key
 from nas_data.gap.search.moves.add import extend
 from nas_data.gap.search.search import Search
@@ -41,7 +41,7 @@ def merge_most(
 ) -> Hypothesis | None:
     """Merge and drop the effects of all other joints, which may have compensated for the missing effect."""
     joints = {effect.joint for effect in alike}
-    if len(joints) < MUCH * len(search.train.nominal.joints):
+    if len(joints) < GAIN_SHARE * len(search.train.nominal.joints):
         return None
     kept = [effect for effect in others if effect.joint is None or effect.joint in joints]
     one = fit_whole(search, h, [*kept, whole])

@@ -1,6 +1,6 @@
 """Replace several parts by one effect, because several smooth parameters may compensate for one cause."""
 
-from nas_data.gap.search.constants import FAR_BEHIND, MUCH, TRIED
+from nas_data.gap.search.constants import FAR_BEHIND, GAIN_SHARE, MAX_ALTERNATIVES
 from nas_data.gap.search.hypothesis import Description, Hypothesis
 from nas_data.gap.search.moves.add import add_candidate
 from nas_data.gap.search.moves.drop import find_part_joint, list_parts
@@ -31,8 +31,8 @@ def replace_parts(search: Search, h: Hypothesis, joint: str | None) -> Hypothesi
     if rest is None:
         return h
     found, kept_loss = search.screen_candidates(rest.fit, h, {joint} if joint else set())
-    far = max(FAR_BEHIND, MUCH * rest.score.over(h.score))
-    near = [c for c in found if c.effect.joint == joint and c.loss.over(kept_loss) < far][:TRIED]
+    far = max(FAR_BEHIND, GAIN_SHARE * rest.score.over(h.score))
+    near = [c for c in found if c.effect.joint == joint and c.loss.over(kept_loss) < far][:MAX_ALTERNATIVES]
 
     def fit_instead(candidate: Candidate) -> Hypothesis | None:
         factors = rest.fit.parameters.factors_at(candidate.theta)

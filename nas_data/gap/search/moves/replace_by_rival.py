@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from nas_data import registry
 from nas_data.count_of import count_of
 from nas_data.effects.base import Effect, find_effect
-from nas_data.gap.search.constants import FAR_BEHIND, LEADERS, MANY, ROUNDS, TRIED
+from nas_data.gap.search.constants import FAR_BEHIND, LARGE_SIZE, MAX_ALTERNATIVES, MAX_LEADERS, MAX_ROUNDS
 from nas_data.gap.search.hypothesis import Hypothesis, effect_key
 from nas_data.gap.search.moves.drop import estimate_losses
 from nas_data.gap.search.search import Search
@@ -22,7 +22,7 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
     numbers = select_doubted(search, h)
     search.say(f"  letting {len(numbers)} of {count_of(len(h.effects), 'effect')} face rivals")
     add_rivals(search, h, numbers)
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         found = find_better_rival(search, h, select_doubted(search, h))
         if found is None:
             return h
@@ -32,10 +32,10 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
 
 def select_doubted(search: Search, h: Hypothesis) -> list[int]:
     """Return the indices of the effects to compare: all, or the ones of lowest saliency if there are many."""
-    if len(h.effects) <= MANY:
+    if len(h.effects) <= LARGE_SIZE:
         return list(range(len(h.effects)))
     losses = estimate_losses(search, h)
-    return sorted(range(len(h.effects)), key=lambda number: losses[h.effects[number]])[:TRIED]
+    return sorted(range(len(h.effects)), key=lambda number: losses[h.effects[number]])[:MAX_ALTERNATIVES]
 
 
 def find_better_rival(search: Search, h: Hypothesis, numbers: Sequence[int]) -> Hypothesis | None:
@@ -63,16 +63,16 @@ def add_rivals(search: Search, h: Hypothesis, numbers: Sequence[int]) -> None:
             continue
         known = search.rivals.setdefault(effect_key(effect), [])
         faces_hook = any(is_confusable(effect, other) for other in find_other_forms(effect))
-        if len(known) >= TRIED and not faces_hook:
+        if len(known) >= MAX_ALTERNATIVES and not faces_hook:
             continue
         without = search.without_effect(h, number) or search.null
         found, kept_loss = search.screen_candidates(without.fit, h, {effect.joint})
         met = {effect_key(effect), *map(effect_key, known)}
         near = [c for c in found if c.effect.joint and c.loss.over(kept_loss) < FAR_BEHIND]
         others = [c.effect for c in near if effect_key(c.effect) not in met]
-        known.extend(others[: TRIED - len(known)])
+        known.extend(others[: MAX_ALTERNATIVES - len(known)])
         hooked = [other for other in others if other.in_model != effect.in_model and is_confusable(effect, other)]
-        known[:0] = [other for other in hooked if other not in known][:LEADERS]
+        known[:0] = [other for other in hooked if other not in known][:MAX_LEADERS]
 
 
 def find_other_forms(effect: Effect) -> list[type[Effect]]:
@@ -102,6 +102,6 @@ def list_rivals(search: Search, effect: Effect, others: Sequence[Effect]) -> lis
         if effect_key(rival) not in taken:
             taken.add(effect_key(rival))
             result.append(rival)
-    if len(others) >= MANY:
+    if len(others) >= LARGE_SIZE:
         return result[:1]
-    return result[: TRIED if effect.in_model else TRIED + LEADERS]
+    return result[: MAX_ALTERNATIVES if effect.in_model else MAX_ALTERNATIVES + MAX_LEADERS]

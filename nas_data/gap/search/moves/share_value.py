@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 
 from nas_data.effects.base import Effect, make_effect
-from nas_data.gap.search.constants import FEW
+from nas_data.gap.search.constants import SIMPLE_SIZE
 from nas_data.gap.search.hypothesis import Hypothesis
 from nas_data.gap.search.search import Search
 
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
     """Share the parameters of an effect, or separate them again, if the score falls."""
-    fewest = min(FEW, max(2, len(search.excited)))
+    fewest = min(SIMPLE_SIZE, max(2, len(search.excited)))
     for name in dict.fromkeys(effect.name() for effect in h.effects if effect.joint):
         if sum(effect.name() == name and effect.joint is not None for effect in h.effects) < fewest:
             continue

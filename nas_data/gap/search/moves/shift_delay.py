@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 
 from nas_data.effects.base import Effect, make_effect
-from nas_data.gap.search.constants import AT_FLOOR, PRICE, ROUNDS
+from nas_data.gap.search.constants import AT_FLOOR, MAX_ROUNDS, PRICE
 from nas_data.gap.search.fit import Fit, fit
 from nas_data.gap.search.hypothesis import Hypothesis, reuse_jacobian
 from nas_data.gap.search.objective import FitTask
@@ -45,7 +45,7 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
 def shift_repeatedly(task: FitTask, near: Fit, timestep: float) -> Fit | None:
     """Return the best fit over repeated shifts; None if none helps or the model diverges."""
     best = before = fit_briefly(task, near, near.effects)
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         if best is None:
             return None
         tried = map_in_parallel(partial(fit_briefly, task, best), list(generate_shifts(best.effects, timestep)))

@@ -3,7 +3,7 @@
 from collections.abc import Container
 
 from nas_data.effects.base import Effect, find_effect, make_effect
-from nas_data.gap.search.constants import LEADERS
+from nas_data.gap.search.constants import MAX_LEADERS
 from nas_data.gap.search.fit import Fit
 from nas_data.gap.search.hypothesis import Description, Hypothesis, effect_key
 from nas_data.gap.search.moves.add import add_candidate
@@ -80,5 +80,5 @@ def replace_by_simpler(search: Search, h: Hypothesis, number: int, names: Contai
     if rest is None or joint is None:
         return []
     found, _ = search.screen_candidates(rest.fit, rest, {joint})
-    chosen = [c for c in found if c.effect.name() in names and c.effect.joint == joint][:LEADERS]
+    chosen = [c for c in found if c.effect.name() in names and c.effect.joint == joint][:MAX_LEADERS]
     return [(add_candidate(rest, rest.fit, c), rest.fit.parameters.factors_at(c.theta), rest.fit) for c in chosen]

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from nas_data.gap.search.constants import AT_FLOOR, FAR_BEHIND, MANY, TRIED
+from nas_data.gap.search.constants import AT_FLOOR, FAR_BEHIND, LARGE_SIZE, MAX_ALTERNATIVES
 from nas_data.gap.search.hypothesis import Hypothesis, can_free_base_parameter, effect_key, find_joints_beyond_prior
 from nas_data.gap.search.moves.add import add_candidate
 from nas_data.gap.search.screen import Candidate
@@ -24,7 +24,7 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
         )
         found = [c for c in found if c.effect_key != effect_key(effect)]
         own = [c for c in found if can_free_base_parameter(h, c.effect)]
-        near = [c for c in found if c.effect.joint and effect.joint][:TRIED]
+        near = [c for c in found if c.effect.joint and effect.joint][:MAX_ALTERNATIVES]
         others = [c for c in near if c.loss.over(kept_loss) < FAR_BEHIND and c not in own] + own
         quick = map_in_parallel(partial(fit_briefly, search, rest), others)
         ranked = sorted((o for o in quick if o and not search.ends_with_equivalent(o)), key=lambda other: other.score)
@@ -47,7 +47,9 @@ def find_doubtful(search: Search, h: Hypothesis) -> list[int]:
     )
     own = [(rest.get(effect.joint or "", 0.0), effect.joint, number) for number, effect in enumerate(h.effects)]
     above = [(left, number) for left, joint, number in own if left > AT_FLOOR or joint in bent or (bent and not joint)]
-    return [number for _, number in sorted(above, reverse=True)[: TRIED if len(h.effects) <= MANY else 1]]
+    return [
+        number for _, number in sorted(above, reverse=True)[: MAX_ALTERNATIVES if len(h.effects) <= LARGE_SIZE else 1]
+    ]
 
 
 def fit_briefly(search: Search, rest: Hypothesis, candidate: Candidate) -> Hypothesis | None:

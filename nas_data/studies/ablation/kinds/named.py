@@ -6,8 +6,8 @@ from pathlib import Path
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.effects.base import Effect
+from nas_data.gap.model_correction import ModelCorrection
 from nas_data.gap.name import name
-from nas_data.gap.named import Named
 from nas_data.gap.problem import Problem
 from nas_data.gap.side_by_side import on_one_core
 from nas_data.robots.base import Robot, find_robot
@@ -35,15 +35,15 @@ def name_effects(data: Dataset, source: SourceModel, root: Path) -> NamedSource:
         problem = Problem.of(data, source.model, root)
         final = name(problem.train, problem.held).final
     factors = {key: factor for key, factor in final.factors.items() if factor != 1}
-    return add(Named(root, tuple(final.effects), factors), source, data)
+    return add(ModelCorrection(root, tuple(final.effects), factors), source, data)
 
 
 def read_named(path: Path, source: SourceModel, data: Dataset) -> NamedSource:
     """Use the effects of an earlier gap report; raises OptionError or JointMismatch if it does not match."""
-    return add(Named.read(path), source, data)
+    return add(ModelCorrection.read(path), source, data)
 
 
-def add(named: Named, source: SourceModel, data: Dataset) -> NamedSource:
+def add(named: ModelCorrection, source: SourceModel, data: Dataset) -> NamedSource:
     """Return a source with named effects and a retuned base."""
     robot = source.model if isinstance(source.model, Robot) else find_robot(source.model)
     retuned = named.robot(robot, data.joints)

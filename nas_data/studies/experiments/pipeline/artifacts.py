@@ -11,7 +11,7 @@ from nas_data.dataset.provenance import read_provenance
 from nas_data.envs.base import SOURCE, Task, find_task, find_task_file
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import UnknownName
-from nas_data.gap.named import Named
+from nas_data.gap.model_correction import ModelCorrection
 from nas_data.gap.verdict import EXPLAINED
 from nas_data.models.presets import TrainingOptions
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD
@@ -47,7 +47,7 @@ class MaterialPlan:
 
     def source_with(self, names: str | Path) -> Predictor:
         """Return the source with the effects of a gap report."""
-        named, body = Named.read(names), Predictor.of(self.recipe.environment, self.source)
+        named, body = ModelCorrection.read(names), Predictor.of(self.recipe.environment, self.source)
         return Predictor(named.robot(body.robot, self.task.joints), (*body.effects, *named.effects))
 
     def describe(self) -> dict[str, object]:
@@ -89,7 +89,7 @@ class Artifacts:
     @cached_property
     def named(self) -> str | None:
         """Folder of the gap report; None if it has neither effects nor changed base parameters."""
-        named = Named.read(self.folder / NAMES)
+        named = ModelCorrection.read(self.folder / NAMES)
         return str(self.folder / NAMES) if named.effects or named.retuned else None
 
     @property

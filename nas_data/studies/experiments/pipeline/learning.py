@@ -101,7 +101,7 @@ Kept = TypeVar("Kept")
 
 def compare_models(dataset: Dataset, source: Simulator, delta: Path, forward: Path) -> Evaluation:
     """Return the errors of φ, ψ and the trivial baselines on a dataset."""
-    phi, psi = (checkpoint.load_frozen(checkpoint.find_checkpoint(folder)) for folder in (delta, forward))
+    phi, psi = (checkpoint.load_for_inference(checkpoint.find_checkpoint(folder)) for folder in (delta, forward))
     return combine(evaluate(dataset, source, phi), evaluate(dataset, None, psi), PREDICTORS)
 
 

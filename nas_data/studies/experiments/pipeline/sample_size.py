@@ -17,7 +17,7 @@ from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.gap import workflow
-from nas_data.gap.named import Named
+from nas_data.gap.model_correction import ModelCorrection
 from nas_data.gap.side_by_side import on_one_core
 from nas_data.gap.verdict import EXPLAINED
 from nas_data.gap.write_model import EFFECTS
@@ -28,7 +28,7 @@ from nas_data.policies.compare import Run, do_run
 from nas_data.policies.policy import Hyperparameters, PolicyResult
 from nas_data.policies.ppo import PolicyTraining
 from nas_data.runs.progress import silence
-from nas_data.studies.ablation.material import Amount, draw
+from nas_data.studies.ablation.sweep_data import Amount, draw
 from nas_data.studies.experiments.pipeline.artifacts import (
     DATASETS,
     METHODS,
@@ -118,7 +118,7 @@ def name_subset(job: CountJob) -> Names:
             report = workflow.investigate(root, job.material.train / "meta/source.xml", folder, silence)
         held = {"identity": identity, "seconds": time.monotonic() - began, "verdict": report.verdict}
         write_atomic(record, (json.dumps(held, indent=1) + "\n").encode())
-    named = Named.read(folder)
+    named = ModelCorrection.read(folder)
     found = folder if named.effects or named.retuned else None
     return Names(found, held["seconds"], held["verdict"] in EXPLAINED)
 

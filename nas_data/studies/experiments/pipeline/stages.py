@@ -10,7 +10,7 @@ from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.gap import workflow
-from nas_data.gap.named import Named
+from nas_data.gap.model_correction import ModelCorrection
 from nas_data.models.lstm import Kind
 from nas_data.runs.code_hash import hash_code, list_effect_modules, list_gap_modules
 from nas_data.runs.progress import RateLimited, Report
@@ -43,7 +43,7 @@ from nas_data.studies.experiments.pipeline.pairs import Predictor, pair_again, r
 Job = Work[MaterialPlan]
 
 PAUSE = 15.0  # [s] between two progress lines of the search
-TOLD = ("verdict", "effects", "retuned", "gap")  # entries of a gap report that are stored with the stage
+STORED_ENTRIES = ("verdict", "effects", "retuned", "gap")  # entries of a gap report that are stored with the stage
 
 
 def record(job: Job) -> StageResult:
@@ -85,11 +85,11 @@ def name_effects(job: Job) -> StageResult:
     root = select_recordings(job)
     say = RateLimited(lambda line: job.report(f"{INDENT}names  {line.strip()}"), PAUSE)
     report = workflow.investigate(root, material.train / "meta/source.xml", job.folder / NAMES, say)
-    named = Named.read(job.folder / NAMES)
+    named = ModelCorrection.read(job.folder / NAMES)
     listed = ", ".join(f"{effect.name()} in {effect.joint or 'the arm'}" for effect in named.effects) or "nothing"
     content = report.to_json()
     return StageResult(
-        [f"named: {listed}; {report.verdict} → {job.folder / NAMES}"], {key: content[key] for key in TOLD}
+        [f"named: {listed}; {report.verdict} → {job.folder / NAMES}"], {key: content[key] for key in STORED_ENTRIES}
     )
 
 
@@ -139,7 +139,7 @@ def hash_naming_code(plan: MaterialPlan) -> str:
 
 def hash_named_learning_code(plan: MaterialPlan) -> str:
     """Return the hash of the code that pairs the source with named effects, and trains φ on it."""
-    pairing = (*list_effect_modules(), "nas_data.gap.named", "nas_data.studies.experiments.pipeline.pairs")
+    pairing = (*list_effect_modules(), "nas_data.gap.model_correction", "nas_data.studies.experiments.pipeline.pairs")
     return hash_code(*list_source_modules(plan), *pairing, "nas_data.models.run")
 
 

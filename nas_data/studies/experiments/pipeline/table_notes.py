@@ -8,7 +8,7 @@ import numpy as np
 from nas_data.effects.base import Effect
 from nas_data.envs.base import SOURCE, Task
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Comparison
-from nas_data.policies.intervals import FEW
+from nas_data.policies.intervals import MAX_RANGE_VALUES
 from nas_data.robots.base import ConsecutiveEdits, Edit
 from nas_data.simulators.engines import ENGINE_NAMES
 from nas_data.studies.experiments.pipeline.artifacts import METHODS, Artifacts
@@ -110,7 +110,7 @@ def describe_names_alone(material: Artifacts, comparison: Comparison) -> Sequenc
 
 def describe_intervals(seeds: int) -> str:
     """Return a note on intervals over few seeds; none if there are enough seeds."""
-    if not 1 < seeds <= FEW:
+    if not 1 < seeds <= MAX_RANGE_VALUES:
         return ""
     return (
         f"In brackets beside the median: the range of the {seeds} seeds, which holds the median of all seeds in "

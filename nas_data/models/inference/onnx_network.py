@@ -1,23 +1,23 @@
-"""Frozen networks on ONNX Runtime with one thread, the fastest backend for the batch sizes of policies."""
+"""Trained networks on ONNX Runtime with one thread, the fastest backend for the batch sizes of policies."""
 
 import numpy as np
 import onnxruntime
 
-from nas_data.models.frozen.base import FrozenNetwork
-from nas_data.models.frozen.onnx_graph import CHANGES, INPUTS, build_graph, name_cell_state, name_hidden_state
+from nas_data.models.inference.base import InferenceNetwork
+from nas_data.models.inference.onnx_graph import CHANGES, INPUTS, build_graph, name_cell_state, name_hidden_state
 from nas_data.models.lstm import DynamicsModel
 
 ERRORS = 3  # ONNX Runtime's log level for errors only
 
 
-class OnnxNetwork(FrozenNetwork):
+class OnnxNetwork(InferenceNetwork):
     """A session for a fixed number of rows that reads and writes preallocated arrays.
 
     The memory is double-buffered: a step reads one half of the array and writes the other.
     """
 
     def __init__(self, model: DynamicsModel, size: int, sides: int = 1) -> None:
-        """Copy a model's weights for B rows, each of which is `sides` times in the batch; see `freeze`."""
+        """Copy a model's weights for B rows, each of which is `sides` times in the batch; see `prepare_inference`."""
         self.size, rows = size, sides * size
         self._joints = len(model.joints)
         self._relative, self._delta = model.relative, model.kind == "delta"
@@ -32,7 +32,7 @@ class OnnxNetwork(FrozenNetwork):
         self._turn = 0
 
     def changes(self, states: np.ndarray, commands: np.ndarray, predicted: np.ndarray) -> np.ndarray:
-        """Process one control step; see `FrozenNetwork.changes`."""
+        """Process one control step; see `InferenceNetwork.changes`."""
         self._fill_inputs(states, commands, predicted)
         self._session.run_with_iobinding(self._bindings[self._turn])
         self._turn = 1 - self._turn
@@ -83,7 +83,7 @@ class OnnxTorques(OnnxNetwork):
     """A session whose batch contains the rows and, with a symmetry, their mirror images."""
 
     def __init__(self, model: DynamicsModel, size: int) -> None:
-        """Copy a model's weights for B rows; see `freeze`."""
+        """Copy a model's weights for B rows; see `prepare_inference`."""
         self._symmetry = model.symmetry
         super().__init__(model, size, sides=2 if self._symmetry else 1)
         self._limit = model.get_buffer("limit").cpu().numpy()
@@ -93,7 +93,7 @@ class OnnxTorques(OnnxNetwork):
             self._signs = np.array(self._symmetry.signs, np.float32)
 
     def changes(self, states: np.ndarray, commands: np.ndarray, predicted: np.ndarray) -> np.ndarray:
-        """Process one control step; see `FrozenNetwork.changes`."""
+        """Process one control step; see `InferenceNetwork.changes`."""
         outputs = super().changes(states, commands, predicted)
         if self._symmetry:
             outputs = (outputs[: self.size] + outputs[self.size :] * self._signs) / 2

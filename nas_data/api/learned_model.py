@@ -1,4 +1,4 @@
-"""φ or ψ in memory: trained or read, to be judged and saved."""
+"""A trained model φ or ψ, which can be evaluated, saved and loaded."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -63,7 +63,7 @@ class LearnedModel:
             CheckpointError: it is missing or damaged.
         """
         place = checkpoint.find_checkpoint(Path(folder))
-        return cls(checkpoint.load_frozen(place), read_kept_files(place), folder=place)
+        return cls(checkpoint.load_for_inference(place), read_kept_files(place), folder=place)
 
     def save(self, folder: str | Path) -> Path:
         """Write a checkpoint, which every command takes; an older one in the folder is replaced."""

@@ -1,4 +1,4 @@
-"""Interface of frozen networks, and the choice of the fastest available backend."""
+"""Interface of networks in inference, and the choice of the fastest available backend."""
 
 from typing import TYPE_CHECKING, Protocol
 
@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from nas_data.models.lstm import DynamicsModel
 
 
-class FrozenNetwork(Protocol):
+class InferenceNetwork(Protocol):
     """φ or ψ for a batch of B closed loops, with the memory of each."""
 
     size: int
@@ -30,7 +30,7 @@ class FrozenNetwork(Protocol):
         """Zero the memory of some rows, as at an episode's start."""
 
 
-def freeze(model: "DynamicsModel", size: int) -> FrozenNetwork:
+def prepare_inference(model: "DynamicsModel", size: int) -> InferenceNetwork:
     """Return a frozen copy of a model for B rows, on ONNX Runtime if installed, else on torch.
 
     Args:
@@ -38,9 +38,9 @@ def freeze(model: "DynamicsModel", size: int) -> FrozenNetwork:
         size: Number of rows, B.
     """
     try:
-        from nas_data.models.frozen.onnx_network import OnnxNetwork, OnnxTorques
+        from nas_data.models.inference.onnx_network import OnnxNetwork, OnnxTorques
     except ImportError:
-        from nas_data.models.frozen.torch_network import TorchNetwork
+        from nas_data.models.inference.torch_network import TorchNetwork
 
         return TorchNetwork(model, size)
     return OnnxTorques(model, size) if model.corrects == "command" else OnnxNetwork(model, size)

@@ -12,9 +12,9 @@ from nas_data.envs.ergo_reacher import TASK
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
 from nas_data.models import augmented
 from nas_data.models.augmented import LearnedStepper
-from nas_data.models.frozen.base import freeze
-from nas_data.models.frozen.onnx_network import OnnxNetwork
-from nas_data.models.frozen.torch_network import TorchNetwork
+from nas_data.models.inference.base import prepare_inference
+from nas_data.models.inference.onnx_network import OnnxNetwork
+from nas_data.models.inference.torch_network import TorchNetwork
 
 CLOSE = {"rtol": 0, "atol": 1e-6}
 STEPS = 100
@@ -108,13 +108,13 @@ def test_what_a_model_learns_later_does_not_reach_its_frozen_network(way):
 
 def without(monkeypatch, package: str) -> None:
     """Make a package one that is not installed."""
-    monkeypatch.delitem(sys.modules, "nas_data.models.frozen.onnx_network")
-    monkeypatch.delitem(sys.modules, "nas_data.models.frozen.onnx_graph")
+    monkeypatch.delitem(sys.modules, "nas_data.models.inference.onnx_network")
+    monkeypatch.delitem(sys.modules, "nas_data.models.inference.onnx_graph")
     monkeypatch.setitem(sys.modules, package, None)
 
 
 def test_the_fastest_way_present_is_used():
-    assert isinstance(freeze(network(), 2), OnnxNetwork)
+    assert isinstance(prepare_inference(network(), 2), OnnxNetwork)
 
 
 @pytest.mark.parametrize("package", ["onnx", "onnxruntime"])
@@ -123,7 +123,7 @@ def test_torch_stands_in_where_a_package_is_absent(monkeypatch, package):
     commands = np.stack(wander((30,) * 2), axis=0)
     fast = LearnedStepper(pendulum().stepper(2), model)
     without(monkeypatch, package)
-    assert isinstance(freeze(model, 2), TorchNetwork)
+    assert isinstance(prepare_inference(model, 2), TorchNetwork)
     slow = LearnedStepper(pendulum().stepper(2), model)
     for step in range(30):
         one, other = (stepper.step(commands[:, step]) for stepper in (fast, slow))
@@ -136,7 +136,7 @@ def test_an_augmented_environment_lives_the_same_episodes_in_both_ways(monkeypat
     model.get_buffer("output_mean").zero_()
     arms = []
     for way in WAYS.values():
-        monkeypatch.setattr(augmented, "freeze", way)
+        monkeypatch.setattr(augmented, "prepare_inference", way)
         arms.append(ArmVecEnv(TASK, LearnedStepper(TASK.simulator().stepper(4), model)))
     rng = np.random.default_rng(0)
     for arm in arms:

@@ -30,7 +30,7 @@ def load_model(folder: Path, simulator: Simulator) -> DynamicsModel:
         JointMismatch: it belongs to another robot.
     """
     folder = checkpoints.find_checkpoint(folder)
-    model = checkpoints.load_frozen(folder)
+    model = checkpoints.load_for_inference(folder)
     if model.joints != simulator.joints:
         raise JointMismatch(
             f"The checkpoint {folder} was trained for the joints {', '.join(model.joints)}; "

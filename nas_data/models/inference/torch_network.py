@@ -1,25 +1,25 @@
-"""A frozen network on torch: the reference, and the fallback without ONNX Runtime."""
+"""A trained network on torch: the reference, and the fallback without ONNX Runtime."""
 
 import copy
 
 import numpy as np
 import torch
 
-from nas_data.models.frozen.base import FrozenNetwork
+from nas_data.models.inference.base import InferenceNetwork
 from nas_data.models.lstm import DynamicsModel
 
 
-class TorchNetwork(FrozenNetwork):
+class TorchNetwork(InferenceNetwork):
     """A copy of the model, called with batches of one time step."""
 
     def __init__(self, model: DynamicsModel, size: int) -> None:
-        """Copy a model's weights for B rows; see `freeze`."""
+        """Copy a model's weights for B rows; see `prepare_inference`."""
         self.size = size
         self._model = copy.deepcopy(model).cpu().eval().requires_grad_(False)
         self._memory = self._model.initial_memory(size)
 
     def changes(self, states: np.ndarray, commands: np.ndarray, predicted: np.ndarray) -> np.ndarray:
-        """Process one control step; see `FrozenNetwork.changes`."""
+        """Process one control step; see `InferenceNetwork.changes`."""
         with torch.no_grad():
             change, self._memory = self._model.changes(
                 as_input(states), as_input(commands), as_input(predicted), self._memory

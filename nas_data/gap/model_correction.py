@@ -16,7 +16,7 @@ from nas_data.robots.base import Robot
 
 
 @dataclass(frozen=True)
-class Named:
+class ModelCorrection:
     """Effects and retuned base parameters of one gap report.
 
     Attributes:
@@ -30,7 +30,7 @@ class Named:
     retuned: Mapping[str, float]
 
     @classmethod
-    def read(cls, path: str | Path) -> "Named":
+    def read(cls, path: str | Path) -> "ModelCorrection":
         """Read an `effects.json`, the one in a gap report's folder, or a `report.json`.
 
         Raises:
