@@ -50,7 +50,7 @@ def nothing(joints, period):
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory):
     path = tmp_path_factory.mktemp("arm") / "arm.xml"
-    path.write_text(ARM)
+    path.write_text(ARM.replace('timestep="0.002"', 'timestep="0.005"'))
     return nominal_of(path, JOINTS)
 
 
