@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -18,6 +17,7 @@ from support.sweep_samples import BRIEF, TINY, answers, here_and_now, planned, s
 from support.training_samples import same
 from support.two_joint_arm import ARM, recorded
 
+from nas_data import Dataset
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import write_version
 from nas_data.effects.base import parse
@@ -52,9 +52,9 @@ def test_seeds_come_one_after_the_other_and_in_each_long_trials_first(place, tmp
 
 def test_the_same_question_has_the_same_answer_to_the_last_bit(place, tmp_path):
     for name in ("one", "other"):
-        for trial in planned(place, tmp_path / name):
+        for trial in planned(place, tmp_path / name, amounts=(Amount(4, "episodes"),)):
             do_trial(trial)
-    assert len(answers(tmp_path / "one")) == 6
+    assert len(answers(tmp_path / "one")) == 2
     assert answers(tmp_path / "one") == answers(tmp_path / "other")
 
 
@@ -118,7 +118,8 @@ def test_normalisation_and_weights_know_nothing_of_what_is_not_in_the_subset(pla
 
 
 def test_all_trials_of_a_seed_meet_the_same_held_out_episodes(place, tmp_path):
-    results = [(trial.config.seed, do_trial(trial)) for trial in planned(place, tmp_path, seeds=(0, 1))]
+    few = (Amount(2, "episodes"), Amount(4, "episodes"))
+    results = [(trial.config.seed, do_trial(trial)) for trial in planned(place, tmp_path, amounts=few, seeds=(0, 1))]
     by_seed = {seed: [result for other, result in results if other == seed] for seed in (0, 1)}
     for loop in ("one_step", "open_loop"):
         for baseline in ("source", "hold", "command"):
@@ -186,12 +187,13 @@ def test_no_trial_is_done_twice_and_a_sweep_can_grow(place, tmp_path):
         asked.append([job.key for job in jobs])
         return here_and_now(function, jobs, workers)
 
-    first = run_sweep(planned(place, tmp_path), counting, 1, False, silent)
-    again = run_sweep(planned(place, tmp_path), counting, 1, False, silent)
-    grown = run_sweep(planned(place, tmp_path, seeds=(0, 1)), counting, 1, False, silent)
-    assert [len(keys) for keys in asked] == [6, 0, 6]
+    few = {"amounts": (Amount(2, "episodes"),)}
+    first = run_sweep(planned(place, tmp_path, **few), counting, 1, False, silent)
+    again = run_sweep(planned(place, tmp_path, **few), counting, 1, False, silent)
+    grown = run_sweep(planned(place, tmp_path, **few, seeds=(0, 1)), counting, 1, False, silent)
+    assert [len(keys) for keys in asked] == [2, 0, 2]
     assert not set(asked[0]) & set(asked[2])
-    assert first == again == grown[:6]
+    assert first == again == grown[:2]
 
 
 def test_a_result_that_cannot_be_trusted_is_made_again(place, tmp_path):
@@ -361,9 +363,8 @@ def test_what_judges_must_not_train(place, here):
     answer = nas("ablate", place.paired, "--test", place.raw)
     assert answer.code == 2 and "must not train" in answer.err
     other = write_version(recorded_on(pendulum(*GAP), wander((50,) * 2, seed=9)), "other", SIMULATED)
-    content = done(
-        "ablate", place.paired, "--test", other, "--seeds", "0", "--minutes", "0.1,all", *BRIEF, "--json"
-    ).json
+    options = ("--test", other, "--kinds", "delta", "--seeds", "0", "--minutes", "0.1,all", *BRIEF)
+    content = done("ablate", place.paired, *options, "--json").json
     assert [cell["minutes"] for cell in content["kinds"]["delta"]] == [0.1, pytest.approx(0.16)]
     (record, *_) = answers(Path("runs/ablation")).values()
     assert len(record["open_loop"]["hold"]["per_episode"]) == 2
@@ -392,7 +393,7 @@ def test_effects_are_named_from_the_subset_and_beat_the_source(here):
     ],
 )
 def test_a_sweep_on_the_sample_ends_in_table_figure_and_sentence(here, kinds, words):
-    shutil.copytree(SAMPLE, "arm")
+    Dataset.load(SAMPLE).select(range(8)).save("arm")
     Path("gap").mkdir()
     texts = [f"speed_limit:joint={joint},speed=5" for joint in ("m2", "m3")]
     write_effects(Path("gap"), [parse(text) for text in texts], {"m2.damping": 1.1})
