@@ -27,7 +27,7 @@ FLOOR = np.full(2, np.radians(0.29) / np.sqrt(12))
 
 HINGE = """
 <mujoco>
-  <option timestep="0.005"/>
+  <option timestep="0.01"/>
   <worldbody><body>
     <joint name="hip" axis="0 1 0" damping="0.1"/>
     <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.3"/>
