@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,7 +18,6 @@ from support.sweep_samples import BRIEF, TINY, answers, here_and_now, planned, s
 from support.training_samples import same
 from support.two_joint_arm import ARM, recorded
 
-from nas_data import Dataset
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import write_version
 from nas_data.effects.base import parse
@@ -386,17 +386,21 @@ def test_effects_are_named_from_the_subset_and_beat_the_source(here):
 
 
 @pytest.mark.parametrize(
-    ("kinds", "words"),
+    ("sample", "kinds", "words"),
     [
-        ("named,named_delta", ("named", "named + φ", "source", "hold", "command", "Smallest amount of data")),
-        pytest.param("delta,forward,named,named_delta", ("source + φ", "ψ"), marks=pytest.mark.slow),
+        (False, "named,named_delta", ("named", "named + φ", "source", "hold", "command", "Smallest amount of data")),
+        pytest.param(True, "delta,forward,named,named_delta", ("source + φ", "ψ"), marks=pytest.mark.slow),
     ],
+    ids=["pendulum", "sample"],
 )
-def test_a_sweep_on_the_sample_ends_in_table_figure_and_sentence(here, kinds, words):
-    Dataset.load(SAMPLE).select(range(8)).save("arm")
+def test_a_sweep_with_names_ends_in_table_figure_and_sentence(place, here, sample, kinds, words):
+    shutil.copytree(SAMPLE if sample else place.paired, "arm")
+    texts, retuned = ["speed_limit:joint=m2,speed=5", "speed_limit:joint=m3,speed=5"], "m2.damping"
+    if not sample:
+        texts = ["speed_limit:joint=pendulum,speed=5", "viscous_friction:joint=pendulum,coefficient=0.02"]
+        retuned = "pendulum.damping"
     Path("gap").mkdir()
-    texts = [f"speed_limit:joint={joint},speed=5" for joint in ("m2", "m3")]
-    write_effects(Path("gap"), [parse(text) for text in texts], {"m2.damping": 1.1})
+    write_effects(Path("gap"), [parse(text) for text in texts], {retuned: 1.1})
     answer = done(
         "ablate", "arm", "--kinds", kinds, "--effects", "gap", "--counts", "2,4", "--seeds", "0", "--out", "run",
         "--quick", *BRIEF,
@@ -413,7 +417,7 @@ def test_a_sweep_on_the_sample_ends_in_table_figure_and_sentence(here, kinds, wo
     assert named[0] != content["baselines"]["source"]["open_loop"]["values"]
     assert {path.name for path in Path("run").iterdir()} >= {"ablation.json", "ablation.md", "ablation.png", "trials"}
     (record,) = [r for r in answers(Path("run")).values() if asked(r) == ("named", 2, 0)]
-    assert record["retuned"] == {"m2.damping": 1.1} and len(record["effects"]) == 2
+    assert record["retuned"] == {retuned: 1.1} and len(record["effects"]) == 2
 
 
 def asked(record: dict) -> tuple[str, float, int]:
