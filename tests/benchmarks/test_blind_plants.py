@@ -90,8 +90,12 @@ EPISODES += [(np.full((1, 40, 6), 0.5), np.zeros((1, 6)))]
 
 @cache
 def played(plant: str, names: tuple[str, ...] = tuple(TRUTHS)) -> dict[str, np.ndarray]:
-    """Return positions (3, T + 1, n) of the Ergo Jr under each truth; many take hardly longer than one."""
-    commands, poses = (np.concatenate(parts) for parts in zip(*EPISODES, strict=True))
+    """Return positions (E, T + 1, n) of the Ergo Jr under each truth; in NumPy of all episodes, else of the first.
+
+    There, many take hardly longer than one.
+    """
+    some = EPISODES if plant == "numpy" else EPISODES[: JUMPS + 1]
+    commands, poses = (np.concatenate(parts) for parts in zip(*some, strict=True))
     return dict(zip(names, positions(plant, arms()[0], [TRUTHS[name] for name in names], commands, poses), strict=True))
 
 
