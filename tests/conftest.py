@@ -6,16 +6,18 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from support import forked_programs
 from support.command_samples import Place, furnish
 from support.recording_samples import paired_pendulum
 
 from nas_data import log
 from nas_data.dataset.dataset import Dataset
+from nas_data.hardware.virtual_bus import process
 from nas_data.recorders import watchdog
 from nas_data.runs import code_hash
 
 # The same draws every time, so that a change is judged by itself; --hypothesis-profile=default draws more and new ones.
-settings.register_profile("repeatable", derandomize=True, max_examples=50)
+settings.register_profile("repeatable", derandomize=True, max_examples=30)
 settings.load_profile("repeatable")
 
 
@@ -46,6 +48,15 @@ def patient_guard() -> Iterator[None]:
     """Let guards of recorders in this process wait: a machine that stalls for a second must not end the tests."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(watchdog, "HANG", 60.0)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def forked_programs_of_arms() -> Iterator[None]:
+    """Fork virtual arms and guards that this process starts; some tests start them as users do."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (process, watchdog):
+            patch.setattr(module, "subprocess", forked_programs.INSTEAD)
         yield
 
 

@@ -24,14 +24,14 @@ from torch import nn
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ENVIRONMENT, NEXT_ENVIRONMENT
 from nas_data.envs import pusher
-from nas_data.envs.base import ConsecutiveEdits, Task, find_task
+from nas_data.envs.base import Task, find_task
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.envs.pusher import GRIPPER, Pusher, compute_puck_positions
 from nas_data.policies.evaluate import score_policy, summarise_spread
-from nas_data.policies.learner import PolicyTraining
 from nas_data.policies.policy import load_policy
-from nas_data.policies.ppo import train
+from nas_data.policies.ppo import PolicyTraining, train
 from nas_data.recorders.recipe import Recipe
+from nas_data.robots.base import ConsecutiveEdits
 from nas_data.runs.environment_info import find_commit, read_versions
 from nas_data.simulators.base import Stepper
 

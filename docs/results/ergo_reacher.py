@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from pages import HERE, markdown_table, number, numbers, read_table, render, write_page
 
-from nas_data.policies.share import compute_share
+from nas_data.policies.intervals import compute_share
 
 GIVEN = {"0.12", "0.01", "0.2", "0.05"}  # of the target and of the recording
 METHODS = {

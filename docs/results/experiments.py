@@ -9,10 +9,8 @@ from pathlib import Path
 import numpy as np
 from pages import HERE, Row, markdown_table, number, numbers, read_table, render, write_page
 
-from nas_data.policies.intervals import ENDS, compute_median_interval, resample_medians
-from nas_data.policies.share import compute_share
-from nas_data.reports.experiment_figures import Panel, draw_return_over_count, draw_returns_by_method
-from nas_data.reports.prediction_figures import draw_trajectory
+from nas_data.policies.intervals import ENDS, compute_median_interval, compute_share, resample_medians
+from nas_data.reports.figures import Panel, draw_return_over_count, draw_returns_by_method, draw_trajectory
 from nas_data.reports.style import to_png
 from nas_data.studies.experiments.pipeline.authors import DIFFERENCES, RETURN_BY_COUNT, RETURNS
 

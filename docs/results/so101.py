@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from pages import HERE, Row, markdown_table, number, read_table, render, write_page
 
-from nas_data.reports.ablation_figure import AblationCurve, draw_error_over_amount
+from nas_data.reports.figures import AblationCurve, draw_error_over_amount
 from nas_data.reports.style import to_png
 
 GIVEN = {"40.1", "0.0349", "0.55"}  # the changes that were made, and what was to be reached

@@ -19,9 +19,8 @@ import numpy as np
 import tyro
 
 from nas_data.cli import main as nas
-from nas_data.policies.rollouts.approach import Approach
 from nas_data.policies.rollouts.robot_stepper import RobotStepper
-from nas_data.policies.rollouts.two_arm_planner import TwoArmPlanner, make_two_arm_planner
+from nas_data.policies.rollouts.two_arm_planner import Approach, TwoArmPlanner, make_two_arm_planner
 from nas_data.recorders.path_planner import PathPlanner
 from nas_data.robots.ergo_shield import DEFENDER
 from nas_data.simulators.contact import find_contacts

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from dataclasses import FrozenInstanceError, astuple, dataclass, is_dataclass
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
@@ -22,6 +23,7 @@ from nas_data.dataset.verify import verify
 from nas_data.effects.base import Effect, Parameter, parse
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import DatasetInvalid, JointMismatch, MissingPackage, OptionError, UnknownName
+from nas_data.models.presets import TrainingOptions, preset
 from nas_data.policies.policy import Hyperparameters
 from nas_data.policies.policy import load_policy as read_policy
 from nas_data.policies.ppo import PolicyTraining, train
@@ -79,6 +81,7 @@ def page(log, arm, policy, tmp_path_factory) -> dict[str, object]:
     left: dict[str, object] = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(place)
+        patch.setattr("nas_data.api.training.find_preset", partial(preset, hidden=8, layers=1, frames=200))
         for block in BLOCKS:
             exec(compile(block, str(PAGE), "exec"), left)
     return {**left, "place": place}
@@ -433,7 +436,8 @@ def test_what_is_not_there_is_called_so(ds, name):
 
 def test_progress_is_told(ds):
     lines: list[str] = []
-    nas.train_forward(ds, updates=1, seed=1, progress=lines.append)
+    small = TrainingOptions(hidden=8, layers=1, frames=200)
+    nas.train_forward(ds, preset=small, updates=1, seed=1, progress=lines.append)
     assert any("validation" in line for line in lines)
 
 

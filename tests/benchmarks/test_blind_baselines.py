@@ -47,7 +47,7 @@ def test_every_baseline_can_be_found_by_its_name():
 
 def test_fitting_all_parameters_closes_the_gap_and_blames_one_of_them(weak_servo, monkeypatch):
     monkeypatch.setattr(sysid, "EPISODES", 1)
-    monkeypatch.setattr(sysid, "ITERATIONS", 4)
+    monkeypatch.setattr(sysid, "ITERATIONS", 2)
     claim = sysid.answer(weak_servo / DATASET, weak_servo / NOMINAL)
     assert [finding.name[0] in sysid.PARAMETERS.values() for finding in claim.findings] == [True]
     fresh = Fresh.load(weak_servo, arms()[0].joints)

@@ -90,13 +90,23 @@ def test_without_effects_a_plant_follows_mujoco_within_the_noise(plant, number):
     assert error < 0.1 * np.sqrt(np.square(speeds).mean())
 
 
+LOAD = {"mass": 0.3, "x": 0.1, "y": -0.05, "z": 0.08}
+
+
+@cache
+def followed(plant: str, number: int) -> np.ndarray:
+    """Return states (3, 1, T + 1, 2n) of a drawn arm as it is, with a load beside its link, or at its centre."""
+    arm, conditions, commands, poses = drawn(number)
+    hidden = ((), (Hidden("payload", None, LOAD),), (Hidden("payload", None, {"mass": LOAD["mass"]}),))
+    truths = [Truth(Base.nominal(len(arm.joints)), one) for one in hidden]
+    return find_plant(plant)(arm, truths, commands, poses, conditions.period, conditions.settle)
+
+
 @pytest.mark.parametrize("number", [ARMS[0], *(pytest.param(number, marks=pytest.mark.slow) for number in ARMS[1:])])
 def test_the_model_handed_over_follows_its_plant_up_to_its_timestep(number):
     """MuJoCo's positions run ahead by half a timestep, for a step adds the speed at its end."""
-    arm, conditions, commands, poses = drawn(number)
-    n, truths = len(arm.joints), [Truth(Base.nominal(len(arm.joints)))]
-    plants = [find_plant(plant) for plant in ("numpy", "mujoco")]
-    one, other = (play(arm, truths, commands, poses, conditions.period, conditions.settle)[0] for play in plants)
+    arm, conditions, *_ = drawn(number)
+    n, (one, other) = len(arm.joints), (followed(plant, number)[0] for plant in ("numpy", "mujoco"))
     ahead = arm.model().opt.timestep * np.sqrt(np.square(one[..., n:]).mean(axis=(0, 1)))
     apart = np.sqrt(np.square(one - other)[..., :n].mean(axis=(0, 1)))
     assert (apart < conditions.sensor.noise + ahead).all()
@@ -105,14 +115,8 @@ def test_the_model_handed_over_follows_its_plant_up_to_its_timestep(number):
 @pytest.mark.parametrize("plant", ["numpy", pytest.param("bullet", marks=[pytest.mark.bullet, pytest.mark.slow])])
 def test_a_payload_weighs_where_it_is(plant):
     """A load beside the link turns the joints otherwise than one at its centre of mass; all plants alike."""
-    arm, conditions, commands, poses = drawn(4)
-    base, values = Base.nominal(len(arm.joints)), {"mass": 0.3, "x": 0.1, "y": -0.05, "z": 0.08}
-    there, centre = (Truth(base, (Hidden("payload", None, hidden),)) for hidden in (values, {"mass": 0.3}))
-    own, native = (
-        find_plant(name)(arm, [there, centre], commands, poses, conditions.period, 1.5) for name in (plant, "mujoco")
-    )
-    n = len(arm.joints)
-    moved = [np.sqrt(np.square(played[0] - played[1])[..., :n].mean()) for played in (own, native)]
+    n, (own, native) = len(drawn(ARMS[0])[0].joints), (followed(name, ARMS[0]) for name in (plant, "mujoco"))
+    moved = [np.sqrt(np.square(shown[1] - shown[2])[..., :n].mean()) for shown in (own, native)]
     assert moved[0] == pytest.approx(moved[1], rel=0.1) and moved[0] > np.radians(0.1)
 
 

@@ -12,6 +12,7 @@ import pytest
 from support.blind_samples import INDEPENDENT, arms, positions, reference, steps
 
 from nas_data.benchmarks.blind import plants
+from nas_data.benchmarks.blind.arms import NominalArm
 from nas_data.benchmarks.blind.case import Base, Hidden, Truth
 from nas_data.benchmarks.blind.catalogue import INSIDE, OUTSIDE
 from nas_data.benchmarks.blind.plants.base import make_chain, stack_arms
@@ -65,58 +66,83 @@ def test_rigid_body_dynamics_equal_mujocos(arm):
         np.testing.assert_allclose(bias[row], data.qfrc_bias, atol=1e-12)
 
 
-@pytest.mark.parametrize("plant", INDEPENDENT)
-@pytest.mark.parametrize("arm", arms(), ids=lambda arm: arm.name)
-def test_without_effects_a_plant_follows_mujoco(plant, arm):
-    commands, poses = steps(1, 0.6, hold=30)
-    played = positions(plant, arm, [NOMINAL], commands, poses)[0]
-    error = np.sqrt(np.square(played - reference(arm, commands, poses)).mean(axis=(0, 1)))
-    assert error.max() < CLOSE
+def in_second_joint(name: str) -> Hidden:
+    """Return an effect of the Ergo Jr, in its second joint where it is one of a joint."""
+    kind = {**INSIDE, **OUTSIDE}[name]
+    values = kind.draw(np.random.default_rng(5), Constants.of(arms()[0].model()), 1, False)
+    return Hidden(name, "m2" if kind.per_joint else None, values)
+
+
+RNG = np.random.default_rng(6)
+OTHERS = [Truth(Base.draw(6, RNG), (in_second_joint(name),)) for name in ("backlash", "deadband")]
+TRUTHS = {
+    "none": NOMINAL,
+    **{name: Truth(NOMINAL.base, (in_second_joint(name),)) for name in (*INSIDE, *OUTSIDE)},
+    **dict(zip(("one other", "another"), OTHERS, strict=True)),
+    "held": Truth(NOMINAL.base, (Hidden("coulomb_friction", "m2", {"torque": 0.15}),)),
+    "late": Truth(NOMINAL.base, (Hidden("command_delay", None, {"delay": 0.07}),)),
+}
+FEW = ("none", "one other", "another")
+JUMPS, STILL, STEP_UP = range(3)  # episodes
+EPISODES = [steps(1, 0.4, hold=20), (np.full((1, 40, 6), 0.4), np.full((1, 6), 0.4))]
+EPISODES += [(np.full((1, 40, 6), 0.5), np.zeros((1, 6)))]
 
 
 @cache
-def played_with_each_effect(plant: str) -> dict[str | None, np.ndarray]:
-    """Return positions (1, T + 1, n) of an arm with each effect in its second joint, and with none."""
-    arm = arms()[0]
-    commands, poses = steps(1, 0.4, hold=20)
-    truths = {None: NOMINAL}
-    for name, kind in {**INSIDE, **OUTSIDE}.items():
-        values = kind.draw(np.random.default_rng(5), Constants.of(arm.model()), 1, False)
-        truths[name] = Truth(NOMINAL.base, (Hidden(name, "m2" if kind.per_joint else None, values),))
-    return dict(zip(truths, positions(plant, arm, [*truths.values()], commands, poses), strict=True))
+def played(plant: str, names: tuple[str, ...] = tuple(TRUTHS)) -> dict[str, np.ndarray]:
+    """Return positions (E, T + 1, n) of the Ergo Jr under each truth; in NumPy of all episodes, else of the first.
+
+    There, many take hardly longer than one.
+    """
+    some = EPISODES if plant == "numpy" else EPISODES[: JUMPS + 1]
+    commands, poses = (np.concatenate(parts) for parts in zip(*some, strict=True))
+    return dict(zip(names, positions(plant, arms()[0], [TRUTHS[name] for name in names], commands, poses), strict=True))
+
+
+def test_all_these_truths_hide_something_but_one():
+    assert [name for name, truth in TRUTHS.items() if not truth.hidden] == ["none"]
+
+
+def check_follows(shown: np.ndarray, arm: NominalArm) -> None:
+    """Check that positions (T + 1, n) are those of MuJoCo."""
+    error = np.sqrt(np.square(shown - reference(arm, *EPISODES[JUMPS])[0]).mean(axis=0))
+    assert error.max() < CLOSE
+
+
+@pytest.mark.parametrize("plant", ["numpy", pytest.param("bullet", marks=pytest.mark.bullet)])
+def test_without_effects_a_plant_follows_mujoco(plant):
+    shown = played(plant) if plant == "numpy" else played(plant, FEW)
+    check_follows(shown["none"][JUMPS], arms()[0])
+
+
+@pytest.mark.parametrize("plant", ["numpy", pytest.param("bullet", marks=[pytest.mark.bullet, pytest.mark.slow])])
+def test_without_effects_a_plant_of_another_arm_follows_mujoco(plant):
+    arm = arms()[1]
+    check_follows(positions(plant, arm, [NOMINAL], *EPISODES[JUMPS])[0, 0], arm)
 
 
 @pytest.mark.parametrize("plant", ["numpy", pytest.param("bullet", marks=[pytest.mark.bullet, pytest.mark.slow])])
 @pytest.mark.parametrize("effect", [*INSIDE, *OUTSIDE])
 def test_each_effect_moves_the_joint_it_sits_in(plant, effect):
-    played = played_with_each_effect(plant)
-    assert np.isfinite(played[effect]).all()
-    assert np.sqrt(np.square(played[effect] - played[None]).mean(axis=(0, 1)))[1] > np.radians(0.02)
+    moved, plain = (played(plant)[name][JUMPS] for name in (effect, "none"))
+    assert np.isfinite(moved).all()
+    assert np.sqrt(np.square(moved - plain).mean(axis=0))[1] > np.radians(0.02)
 
 
 @pytest.mark.bullet
 def test_both_independent_plants_agree_on_hidden_effects():
-    arm, rng = arms()[0], np.random.default_rng(6)
-    commands, poses = steps(1, 0.4, hold=20)
-    values = {name: INSIDE[name].draw(rng, Constants.of(arm.model()), 1, False) for name in ("backlash", "deadband")}
-    truths = [Truth(Base.draw(6, rng), (Hidden(name, "m2", value),)) for name, value in values.items()]
-    one, other = (positions(plant, arm, truths, commands, poses) for plant in ("numpy", "bullet"))
-    assert np.sqrt(np.square(one - other).mean(axis=(1, 2))).max() < 3 * CLOSE
+    one, other = played("numpy"), played("bullet", FEW)
+    apart = [np.sqrt(np.square(one[name] - other[name])[JUMPS].mean()) for name in FEW[1:]]
+    assert max(apart) < 3 * CLOSE
 
 
 def test_friction_holds_a_loaded_joint_without_creep():
-    arm = arms()[0]
-    poses = np.full((1, 6), 0.4)
-    hidden = Hidden("coulomb_friction", "m2", {"torque": 0.15})
-    still = np.repeat(poses[:, None], 80, axis=1)
-    played = positions("numpy", arm, [Truth(NOMINAL.base, (hidden,))], still, poses)[0]
-    assert np.ptp(played[0, 40:, 1]) < 1e-9
+    assert np.ptp(played("numpy")["held"][STILL, 20:, 1]) < 1e-9
+    apart = played("numpy")["held"][STILL, -1, 1] - played("numpy")["none"][STILL, -1, 1]
+    assert abs(apart) > np.radians(1), "friction holds it off where it would hang, or nothing is shown"
 
 
 def test_a_command_arrives_after_its_delay_and_not_before():
-    arm = arms()[0]
-    commands, poses = np.full((1, 30, 6), 0.5), np.zeros((1, 6))
-    hidden = Hidden("command_delay", None, {"delay": 0.07})
-    prompt, late = positions("numpy", arm, [NOMINAL, Truth(NOMINAL.base, (hidden,))], commands, poses)
-    np.testing.assert_allclose(late[0, 7:], prompt[0, :24], atol=1e-12 + STEP * 0.5)
-    np.testing.assert_allclose(late[0, :8], np.repeat(late[0, :1], 8, axis=0), atol=1e-15)
+    prompt, late = (played("numpy")[name][STEP_UP] for name in ("none", "late"))
+    np.testing.assert_allclose(late[7:], prompt[:34], atol=1e-12 + STEP * 0.5)
+    np.testing.assert_allclose(late[:8], np.repeat(late[:1], 8, axis=0), atol=1e-15)

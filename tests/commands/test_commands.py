@@ -111,7 +111,11 @@ def test_a_reader_that_has_seen_enough_ends_the_program_quietly(words: str):
 
 
 @pytest.mark.parametrize(
-    "locale", [{"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}, {"PYTHONIOENCODING": "ascii"}]
+    "locale",
+    [
+        {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
+        pytest.param({"PYTHONIOENCODING": "ascii"}, marks=pytest.mark.slow),
+    ],
 )
 def test_a_locale_that_lacks_a_letter_ends_nothing_in_a_traceback(locale):
     program = [sys.executable, "-m", "nas_data", "effects", "coulomb_friction"]

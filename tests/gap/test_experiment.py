@@ -27,7 +27,7 @@ FLOOR = np.full(2, np.radians(0.29) / np.sqrt(12))
 
 HINGE = """
 <mujoco>
-  <option timestep="0.005"/>
+  <option timestep="0.01"/>
   <worldbody><body>
     <joint name="hip" axis="0 1 0" damping="0.1"/>
     <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.3"/>
@@ -51,7 +51,7 @@ def nothing(joints, period, speed=0.0):
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory):
     path = tmp_path_factory.mktemp("arm") / "arm.xml"
-    path.write_text(ARM)
+    path.write_text(ARM.replace('timestep="0.002"', 'timestep="0.005"'))
     return nominal_of(path, JOINTS)
 
 

@@ -32,7 +32,7 @@ from nas_data.simulators.mujoco import MujocoSimulator
 
 RATE = 100.0  # [Hz]
 QUANTUM = np.radians(0.29)  # [rad] XL-320
-EPISODES, MANY = 8, 20  # for audits; for what must be significant
+EPISODES, MANY = 6, 20  # for audits; for what must be significant
 STEPS = 200
 PLAY_AND_DELAY = ("backlash:joint=m3,half_width=0.05", "command_delay:delay=0.03")
 

@@ -1,4 +1,4 @@
-"""The gate: what `nas gap` must get right on drawn blind cases, six small ones always and twenty-four if asked for.
+"""The gate: what `nas gap` must get right on drawn blind cases, three small ones always and thirty if asked for.
 
 The master seed was chosen before any of these cases was run. Do not draw again where a bar is missed.
 """
@@ -18,7 +18,7 @@ from nas_data.benchmarks.blind.tables import compute_rest, compute_share, median
 from nas_data.commands.benchmark_gap import investigate
 from nas_data.gap import workflow
 
-pytestmark = pytest.mark.timeout(1200)  # six cases take three minutes of a processor, and a busy machine shares it
+pytestmark = pytest.mark.timeout(1200)  # a busy machine shares its processors
 
 SEED = 20261126
 SURE = 0.9  # confidence from which a wrong name is inexcusable
@@ -26,11 +26,13 @@ KEPT_IN = "NAS_GATE_OUT"  # environment variable: folder in which cases of the s
 
 SMALL = [  # setting, family, plant, number
     ("small", "none", "numpy", 0),
-    ("small", "none", "mujoco", 0),
     ("small", "one", "mujoco", 0),
+    ("small", "outside", "numpy", 0),
+]
+MORE = [
+    ("small", "none", "mujoco", 0),
     ("small", "one", "mujoco", 1),
     ("small", "two", "mujoco", 0),
-    ("small", "outside", "numpy", 0),
 ]
 LARGE = [
     ("xl320", "none", "numpy", 0),
@@ -87,17 +89,31 @@ def is_surely_wrong(entry):
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
-    """Judge the small cases; pictures and the next experiment decide no name, and are left out."""
-    out = tmp_path_factory.mktemp("small")
+    """Judge the small cases."""
+    return judge_small(SMALL, tmp_path_factory.mktemp("small"))
+
+
+def judge_small(table, out):
+    """Judge small cases; pictures and the next experiment decide no name, and are left out."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(workflow, "show", lambda *_: None)
         patch.setattr(workflow, "propose_experiment", lambda *_: workflow.Proposal())
-        return run_cases(identities(SMALL), Judge(investigate), out, print)
+        return run_cases(identities(table), Judge(investigate), out, print)
+
+
+def check_predictions(records):
+    """Check that models predict as well as those of who knows the answer.
+
+    Short episodes leave more than the floor even then: how they began is seen only through the sensors.
+    """
+    assert not [record.outcome.fault for record in records if isinstance(record.outcome, CaseFailure)]
+    errors = [record.outcome.fresh for record in inside(records)]
+    assert median(one.after / one.least for one in errors) <= 1.2
 
 
 def test_small_cases_are_named_exactly(small):
-    assert len(inside(small)) == 5
-    assert len(inexact(small)) <= 1, inexact(small)
+    assert len(inside(small)) == 2
+    assert not inexact(small)
 
 
 def test_no_small_case_is_surely_wrong(small):
@@ -105,18 +121,24 @@ def test_no_small_case_is_surely_wrong(small):
 
 
 def test_small_cases_have_models_that_predict_as_well_as_who_knows_the_answer(small):
-    """Short episodes leave more than the floor even then: how they began is seen only through the sensors."""
-    assert not [record.outcome.fault for record in small if isinstance(record.outcome, CaseFailure)]
-    errors = [record.outcome.fresh for record in inside(small)]
-    assert median(one.after / one.least for one in errors) <= 1.2
+    check_predictions(small)
+
+
+@pytest.mark.slow
+def test_six_small_cases_keep_every_bar(small, tmp_path):
+    six = [*small, *judge_small(MORE, tmp_path)]
+    assert len(inside(six)) == 5
+    assert len(inexact(six)) <= 1, inexact(six)
+    assert not surely_wrong(six)
+    check_predictions(six)
 
 
 def test_a_bar_is_missed_by_who_is_sure_and_wrong(small):
     sure = {"exact": False, "confidences": (ConfidenceGrade(SURE, False),)}
     found = [replace(record.outcome, grade=replace(record.outcome.grade, **sure)) for record in small]
     wrong = [replace(record, outcome=outcome) for record, outcome in zip(small, found, strict=True)]
-    assert len(inexact(wrong)) == 5
-    assert len(surely_wrong(wrong)) == 6
+    assert len(inexact(wrong)) == 2
+    assert len(surely_wrong(wrong)) == 3
 
 
 @pytest.fixture(scope="module")

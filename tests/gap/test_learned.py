@@ -33,7 +33,7 @@ def taught(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Mapping[str,
     out.mkdir()
     model, _ = write_model(out, problem.train.nominal, [parse(HIDDEN)], {})
     with pytest.MonkeyPatch.context() as patch:
-        small = partial(preset, hidden=8, layers=1, horizon=20)
+        small = partial(preset, hidden=8, layers=1, horizon=20, frames=400)
         patch.setattr("nas_data.gap.phi_shares.preset", small)
         return out, train_on_top(problem, model, 10, lambda _: None)
 

@@ -84,12 +84,14 @@ def test_pads_made_for_a_wrong_size_are_made_anew(given: Problem, tmp_path: Path
     wrong = ((0.05, 20.0),)
     monkeypatch.setattr(added_file, "SIZES", wrong)
     assert not outcome(given, tmp_path / "wrong", LOAD).whole
+    assert flags(tmp_path / "wrong") == {"load_friction": False}
     monkeypatch.setattr(added_file, "SIZES", (*wrong, (1.0, 1.0)))
     found = outcome(given, tmp_path / "anew", LOAD)
     assert found.whole
     assert error(given, found.written) < 1.4 * float(np.degrees(np.sqrt((given.held.floor**2).mean())))
 
 
+@pytest.mark.slow
 def test_a_file_that_does_not_do_quite_the_same_is_still_the_nearest(
     given: Problem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -27,7 +27,7 @@ def test_a_plain_fit_recovers_gain_damping_friction_and_inertia():
     """The gain of the model is ten times too high, as where it was made up to hold still."""
     true = {"gain": 0.5, "damping": 0.03, "armature": 0.001, "frictionloss": 0.01}
     model = {"gain": 5.0, "damping": 0.015, "armature": 0.0015, "frictionloss": 0.02}
-    search = begun(arm(**model), target=arm(**true), episodes=6)
+    search = begun(arm(**model), target=arm(**true), episodes=4)
     found = fit_plain(search)
     for joint in ("j1", "j2"):
         for kind, value in true.items():
@@ -39,7 +39,7 @@ def test_a_plain_fit_recovers_gain_damping_friction_and_inertia():
 def test_one_gain_for_all_servos_is_fitted_from_torques_in_proportion():
     """Where friction rules, gain and friction of a joint stand for each other; here both are half the model's."""
     true, model = {"gain": 0.5, "frictionloss": 0.02}, {"gain": 1.0, "frictionloss": 0.04}
-    search = begun(arm(**model), target=arm(**true), episodes=6)
+    search = begun(arm(**model), target=arm(**true), episodes=4)
     plain = fit_plain(search)
     joints = ["j1", "j2"]
     far = fit_with_gain(search, plain, joints, 0.8)
@@ -51,7 +51,7 @@ def test_one_gain_for_all_servos_is_fitted_from_torques_in_proportion():
 
 
 def test_a_plain_fit_that_explains_all_keeps_a_gain_for_each_joint():
-    search = begun(arm(gain=1.0), target=arm(gain=0.5), episodes=6)
+    search = begun(arm(gain=1.0), target=arm(gain=0.5), episodes=4)
     plain = fit_plain(search)
     assert share_gain(search, plain) is plain
 

@@ -58,12 +58,21 @@ def page(tmp_path_factory):
     return show(written(tmp_path_factory.mktemp("plain")))
 
 
+@pytest.fixture
+def words_only(monkeypatch):
+    """Leave out the pictures beside a page, which take longest."""
+    for name in ("draw_all_joints", "draw_joint"):
+        monkeypatch.setattr(f"nas_data.gap.showing.show.{name}", lambda *_: None)
+    monkeypatch.setattr("nas_data.gap.showing.page.to_png", lambda _: b"")
+
+
 def text_of(page):
     """Return the words of a page."""
     content = re.sub(r"<(style|script)\b.*?</\1>", "", page.read_text(), flags=re.DOTALL)
     return unescape(re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", content)))
 
 
+@pytest.mark.usefixtures("words_only")
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_each_verdict_reads_well_and_stands_first(tmp_path, verdict):
     folder = written(tmp_path, {"verdict": verdict, **VERDICTS[verdict]}, gap=0.0 if verdict == "none" else 0.02)
@@ -84,6 +93,7 @@ def test_rows_that_no_episode_reaches_are_not_drawn(tmp_path):
         show(tmp_path)
 
 
+@pytest.mark.usefixtures("words_only")
 def test_values_stand_in_friendly_units_beside_si(tmp_path):
     text = text_of(show(written(tmp_path, {"verdict": "partly_explained", **VERDICTS["partly_explained"]})))
     assert "Added: backlash in m2 (half width 0.991° (0.0173 rad))" in text
@@ -97,6 +107,7 @@ def test_values_stand_in_friendly_units_beside_si(tmp_path):
     assert "look: commands look one row late" in text
 
 
+@pytest.mark.usefixtures("words_only")
 def test_every_number_comes_from_the_files(tmp_path):
     gap = {**REPORT["gap"], "before": 0.0345, "after": 0.00234}
     text = text_of(show(written(tmp_path, {"gap": gap})))
@@ -126,6 +137,7 @@ def charts(page):
     return {name: json.loads(text) for name, text in found}
 
 
+@pytest.mark.usefixtures("words_only")
 def test_the_difference_of_the_model_files_can_be_copied_from_the_page(tmp_path):
     changes = '--- arm.xml\n+++ model.xml\n@@ -1 +1 @@\n-<joint name="m2"/>\n+<joint name="m2" damping="0.1"/>\n'
     folder = written(tmp_path)
@@ -134,6 +146,7 @@ def test_the_difference_of_the_model_files_can_be_copied_from_the_page(tmp_path)
     assert unescape(re.sub(r"<[^>]+>", "", copied)) == changes
 
 
+@pytest.mark.usefixtures("words_only")
 def test_command_and_hashes_of_a_report_stand_on_its_page(tmp_path):
     source = {"command": "nas gap arm --model arm.xml --out gap", "content_hash": "c0ffee", "model_sha256": "5ha256"}
     text = text_of(show(written(tmp_path, {"made_from": {**source, "versions": {"mujoco": "4.0.0"}}})))
@@ -168,6 +181,7 @@ def test_pictures_of_an_earlier_report_go(page, tmp_path):
     assert len([name for name in left if name.startswith("joint_")]) == 1
 
 
+@pytest.mark.usefixtures("words_only")
 def test_a_report_that_holds_only_the_contract_is_shown(tmp_path):
     extra = ("find", "shares", "placebo", "model", "dataset")
     folder = written(tmp_path, drawn=series(np.random.default_rng(0), placebo=False))

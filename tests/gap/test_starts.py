@@ -88,7 +88,7 @@ def test_gap_find_and_evaluate_begin_alike(hold: InitialLoad, tmp_path: Path):
 def scene(name: str, dynamics: str = "backlash") -> Problem:
     """An environment's target, recorded by its recipe, with the source as model."""
     holds = {"ergo_reacher": (1, 5, 20, 100), "ergo_shield": (100, 20, 5, 1)}.get(name, (1, 2, 5, 20))
-    recipe = Recipe(environment=name, dynamics=dynamics, episodes=8, steps=RECORDINGS[name].steps, holds=holds)
+    recipe = Recipe(environment=name, dynamics=dynamics, episodes=4, steps=RECORDINGS[name].steps, holds=holds)
     return Problem.of(recipe.record()[0], name, Path(name))
 
 

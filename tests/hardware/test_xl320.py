@@ -2,6 +2,7 @@
 
 import json
 import os
+import subprocess
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -16,6 +17,7 @@ from support.xl320_samples import be_patient, connected, torques, virtual
 from nas_data import errors
 from nas_data.cli import main
 from nas_data.hardware.arms.line import LENIENCE
+from nas_data.hardware.virtual_bus import process
 from nas_data.hardware.virtual_bus.faults import list_faults, parse
 from nas_data.hardware.virtual_bus.process import VirtualBus
 from nas_data.hardware.virtual_bus.terminal import Options
@@ -70,6 +72,15 @@ def test_goals_stay_within_the_limits(positions):
 
 
 # A sound arm
+
+
+def test_a_virtual_arm_is_a_process_of_its_own_that_ends_with_its_input(monkeypatch):
+    """Started as users start it; other tests fork theirs."""
+    monkeypatch.setattr(process, "subprocess", subprocess)
+    with virtual() as bus:
+        assert os.getsid(bus._process.pid) == bus._process.pid, "Ctrl-C in the terminal must not end it"
+        assert torques(bus.port) == [0] * 6
+    assert bus._process.returncode == 0
 
 
 def drive(arm: Xl320Arm, target: np.ndarray, periods: int) -> Reading:

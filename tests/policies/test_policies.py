@@ -1,6 +1,7 @@
 """Policies: same seed, same bits, also when interrupted; saved is loaded; PPO learns; comparisons are fair."""
 
 import json
+import shutil
 import signal
 from dataclasses import replace
 
@@ -191,18 +192,17 @@ def test_a_loaded_policy_acts_like_the_trained_network(tmp_path, hidden):
     np.testing.assert_allclose(load_policy(tmp_path).act(observations), expected, atol=2e-6)
 
 
-def test_every_file_of_a_policy_is_plain_data(tmp_path):
-    learn(tmp_path, Learner.SEGMENT * BRIEF.rollout, hyperparameters=BRIEF)
-    kinds = {path.suffix for path in tmp_path.iterdir()}
+def test_every_file_of_a_policy_is_plain_data(segment):
+    kinds = {path.suffix for path in segment.iterdir()}
     assert kinds == {".json", ".csv", ".safetensors"}
-    config = json.loads((tmp_path / CONFIG).read_text())
+    config = json.loads((segment / CONFIG).read_text())
     assert config["frames"] == Learner.SEGMENT * BRIEF.rollout
     assert config["plant"]["simulator"]["name"] == "ergojr_penholder"
 
 
 def test_a_short_training_on_the_analytic_arm_beats_every_baseline(tmp_path):
     torch.manual_seed(0)
-    learn(tmp_path, 30_000, hyperparameters=Hyperparameters(arms=16, rollout=2048, minibatches=8, learning_rate=1e-3))
+    learn(tmp_path, 16_384, hyperparameters=Hyperparameters(arms=16, rollout=2048, minibatches=8, learning_rate=3e-3))
     arm = FirstOrderArm(50)
     score = evaluate.score_policy(load_policy(tmp_path), REACHER, 50, arm)
     baselines = evaluate.score_baselines(REACHER, 50, arm)
@@ -260,11 +260,11 @@ def test_a_damaged_policy_is_refused_with_the_files_name(tmp_path, damage):
         load_policy(tmp_path)
 
 
-def test_a_damaged_training_state_is_refused(tmp_path):
-    learn(tmp_path, Learner.SEGMENT * BRIEF.rollout, hyperparameters=BRIEF)
-    (tmp_path / STATE).write_bytes(b"half")
+def test_a_damaged_training_state_is_refused(tmp_path, segment):
+    folder = shutil.copytree(segment, tmp_path / "damaged")
+    (folder / STATE).write_bytes(b"half")
     with pytest.raises(CheckpointError, match="train anew"):
-        learn(tmp_path, 2 * Learner.SEGMENT * BRIEF.rollout, hyperparameters=BRIEF)
+        learn(folder, 2 * Learner.SEGMENT * BRIEF.rollout, hyperparameters=BRIEF)
 
 
 def test_policies_are_found_alone_and_by_seed_in_the_order_of_numbers(tmp_path):
@@ -383,17 +383,20 @@ def test_bad_input_is_one_sentence_and_writes_nothing(tmp_path, monkeypatch, cap
     assert not list(tmp_path.iterdir())
 
 
+@pytest.fixture(scope="module")
+def segment(tmp_path_factory):
+    """Return the folder of a training of one segment."""
+    folder = tmp_path_factory.mktemp("segment")
+    learn(folder, Learner.SEGMENT * BRIEF.rollout, hyperparameters=BRIEF)
+    return folder
+
+
 @pytest.mark.parametrize("left", [(STATE,), (STATE, WEIGHTS), (WEIGHTS,), (f".{STATE}.17.partial",)])
-def test_a_training_killed_at_its_first_save_begins_anew(tmp_path, left):
-    frames = Learner.SEGMENT * BRIEF.rollout
-    learn(tmp_path / "whole", frames, hyperparameters=BRIEF)
-    learn(tmp_path / "killed", frames, seed=1, hyperparameters=BRIEF)
-    for path in (tmp_path / "killed").iterdir():
-        path.unlink()
+def test_a_training_killed_at_its_first_save_begins_anew(tmp_path, segment, left):
     for name in left:
-        (tmp_path / "killed" / name).write_bytes(b"half")
-    learn(tmp_path / "killed", frames, hyperparameters=BRIEF)
-    assert_same_bits(weights(tmp_path / "whole"), weights(tmp_path / "killed"))
+        (tmp_path / name).write_bytes(b"half")
+    learn(tmp_path, Learner.SEGMENT * BRIEF.rollout, hyperparameters=BRIEF)
+    assert_same_bits(weights(segment), weights(tmp_path))
 
 
 def test_a_learning_curve_of_someone_elses_is_left_alone(tmp_path):

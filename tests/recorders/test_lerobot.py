@@ -4,6 +4,7 @@ import contextlib
 import multiprocessing
 import os
 import signal
+import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,6 +26,7 @@ from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.effects.base import make_effect
 from nas_data.hardware.arms.line import Register
+from nas_data.recorders import watchdog
 from nas_data.recorders.arm import Settings
 from nas_data.recorders.arm_dataset import LATE, LOAD, TEMPERATURE, VOLTAGE
 from nas_data.recorders.lerobot_arm import LeRobotDriver
@@ -216,7 +218,8 @@ def test_a_fault_ends_in_one_sentence_and_what_is_saved_is_kept(capfd, fault, wo
     assert f"{kept.n_episodes} of 12 episodes are saved" in said
 
 
-def test_a_killed_recorder_loses_nothing_that_was_saved_and_leaves_no_torque(bus):
+def test_a_killed_recorder_loses_nothing_that_was_saved_and_leaves_no_torque(bus, monkeypatch):
+    monkeypatch.setattr(watchdog, "subprocess", subprocess)  # a guard of its own, as users have it
     bus, folder = bus
     known = driver(folder, bus.port)
     options = ["--robot.type", "so101_follower", "--robot.port", bus.port, "--robot.id", "test", "--episodes", "9"]

@@ -50,9 +50,9 @@ def test_seeds_come_one_after_the_other_and_in_each_long_trials_first(place, tmp
 
 def test_the_same_question_has_the_same_answer_to_the_last_bit(place, tmp_path):
     for name in ("one", "other"):
-        for trial in planned(place, tmp_path / name):
+        for trial in planned(place, tmp_path / name, amounts=(Amount(4, "episodes"),)):
             do_trial(trial)
-    assert len(answers(tmp_path / "one")) == 6
+    assert len(answers(tmp_path / "one")) == 2
     assert answers(tmp_path / "one") == answers(tmp_path / "other")
 
 
@@ -116,7 +116,8 @@ def test_normalisation_and_weights_know_nothing_of_what_is_not_in_the_subset(pla
 
 
 def test_all_trials_of_a_seed_meet_the_same_held_out_episodes(place, tmp_path):
-    results = [(trial.config.seed, do_trial(trial)) for trial in planned(place, tmp_path, seeds=(0, 1))]
+    few = (Amount(2, "episodes"), Amount(4, "episodes"))
+    results = [(trial.config.seed, do_trial(trial)) for trial in planned(place, tmp_path, amounts=few, seeds=(0, 1))]
     by_seed = {seed: [result for other, result in results if other == seed] for seed in (0, 1)}
     for loop in ("one_step", "open_loop"):
         for baseline in ("source", "hold", "command"):
@@ -184,12 +185,13 @@ def test_no_trial_is_done_twice_and_a_sweep_can_grow(place, tmp_path):
         asked.append([job.key for job in jobs])
         return here_and_now(function, jobs, workers)
 
-    first = run_sweep(planned(place, tmp_path), counting, 1, False, silent)
-    again = run_sweep(planned(place, tmp_path), counting, 1, False, silent)
-    grown = run_sweep(planned(place, tmp_path, seeds=(0, 1)), counting, 1, False, silent)
-    assert [len(keys) for keys in asked] == [6, 0, 6]
+    few = {"amounts": (Amount(2, "episodes"),)}
+    first = run_sweep(planned(place, tmp_path, **few), counting, 1, False, silent)
+    again = run_sweep(planned(place, tmp_path, **few), counting, 1, False, silent)
+    grown = run_sweep(planned(place, tmp_path, **few, seeds=(0, 1)), counting, 1, False, silent)
+    assert [len(keys) for keys in asked] == [2, 0, 2]
     assert not set(asked[0]) & set(asked[2])
-    assert first == again == grown[:6]
+    assert first == again == grown[:2]
 
 
 def test_a_result_that_cannot_be_trusted_is_made_again(place, tmp_path):
@@ -359,9 +361,8 @@ def test_what_judges_must_not_train(place, here):
     answer = nas("ablate", place.paired, "--test", place.raw)
     assert answer.code == 2 and "must not train" in answer.err
     other = write_version(recorded_on(pendulum(*GAP), wander((50,) * 2, seed=9)), "other", SIMULATED)
-    content = done(
-        "ablate", place.paired, "--test", other, "--seeds", "0", "--minutes", "0.1,all", *BRIEF, "--json"
-    ).json
+    options = ("--test", other, "--kinds", "delta", "--seeds", "0", "--minutes", "0.1,all", *BRIEF)
+    content = done("ablate", place.paired, *options, "--json").json
     assert [cell["minutes"] for cell in content["kinds"]["delta"]] == [0.1, pytest.approx(0.16)]
     (record, *_) = answers(Path("runs/ablation")).values()
     assert len(record["open_loop"]["hold"]["per_episode"]) == 2
@@ -383,17 +384,21 @@ def test_effects_are_named_from_the_subset_and_beat_the_source(here):
 
 
 @pytest.mark.parametrize(
-    ("kinds", "words"),
+    ("sample", "kinds", "words"),
     [
-        ("named,named_delta", ("named", "named + φ", "source", "hold", "command", "Smallest amount of data")),
-        pytest.param("delta,forward,named,named_delta", ("source + φ", "ψ"), marks=pytest.mark.slow),
+        (False, "named,named_delta", ("named", "named + φ", "source", "hold", "command", "Smallest amount of data")),
+        pytest.param(True, "delta,forward,named,named_delta", ("source + φ", "ψ"), marks=pytest.mark.slow),
     ],
+    ids=["pendulum", "sample"],
 )
-def test_a_sweep_on_the_sample_ends_in_table_figure_and_sentence(here, kinds, words):
-    shutil.copytree(SAMPLE, "arm")
+def test_a_sweep_with_names_ends_in_table_figure_and_sentence(place, here, sample, kinds, words):
+    shutil.copytree(SAMPLE if sample else place.paired, "arm")
+    texts, retuned = ["speed_limit:joint=m2,speed=5", "speed_limit:joint=m3,speed=5"], "m2.damping"
+    if not sample:
+        texts = ["speed_limit:joint=pendulum,speed=5", "viscous_friction:joint=pendulum,coefficient=0.02"]
+        retuned = "pendulum.damping"
     Path("gap").mkdir()
-    texts = [f"speed_limit:joint={joint},speed=5" for joint in ("m2", "m3")]
-    write_effects(Path("gap"), [parse(text) for text in texts], {"m2.damping": 1.1})
+    write_effects(Path("gap"), [parse(text) for text in texts], {retuned: 1.1})
     answer = done(
         "ablate", "arm", "--kinds", kinds, "--effects", "gap", "--counts", "2,4", "--seeds", "0", "--out", "run",
         "--quick", *BRIEF,
@@ -410,7 +415,7 @@ def test_a_sweep_on_the_sample_ends_in_table_figure_and_sentence(here, kinds, wo
     assert named[0] != content["baselines"]["source"]["open_loop"]["values"]
     assert {path.name for path in Path("run").iterdir()} >= {"ablation.json", "ablation.md", "ablation.png", "trials"}
     (record,) = [r for r in answers(Path("run")).values() if asked(r) == ("named", 2, 0)]
-    assert record["retuned"] == {"m2.damping": 1.1} and len(record["effects"]) == 2
+    assert record["retuned"] == {retuned: 1.1} and len(record["effects"]) == 2
 
 
 def asked(record: dict) -> tuple[str, float, int]:

@@ -235,23 +235,6 @@ def test_what_a_dynamics_adds_is_said_from_its_own_definition(environment, dynam
         assert effect.name() in said and effect.joint in said
 
 
-def test_the_table_says_what_it_rests_on(tmp_path):
-    found = run_experiment("figure5", tiny(tmp_path, "Pusher", methods=(*ENDS, "nas"), seeds=(0, 1)))
-    (page,) = (path.read_text() for path in tmp_path.glob("*.md"))
-    for sentence in (
-        "coulomb_friction (torque 1 N·m)",
-        "serve all seeds",
-        "[range of 2 seeds]",
-        "in 50% of cases",
-    ):
-        assert sentence in page and sentence in found.text
-    pusher = found.data["environments"]["Pusher"]
-    assert pusher["intervals"]["nas"]["kind"] == "range of 2 seeds"
-    assert pusher["at_stake"]["value"] == pytest.approx(
-        pusher["methods"]["expert"]["return"]["median"] - pusher["methods"]["source"]["return"]["median"]
-    )
-
-
 @pytest.mark.parametrize("seeds", [2, 3, 4, 5])
 def test_the_interval_of_few_seeds_is_their_range_and_holds_the_median_as_often_as_it_says(seeds):
     rng = np.random.default_rng(0)

@@ -29,6 +29,7 @@ from nas_data.studies.experiments.pipeline.sizes import FULL, QUICK, RECORDINGS
 from nas_data.studies.experiments.table1 import PREDICTORS, compute_differences, compute_statistics
 
 CHEAP = ("expert", "source", "nas", "randomised")  # without `nas gap`, which takes minutes
+RESTS_ON = ("coulomb_friction (torque 1 N·m)", "serve all seeds", "[range of 2 seeds]", "in 50% of cases")
 PART = "figure5-Pusher-backlash-tiny-methods-expert-source-nas-randomised"
 
 
@@ -77,6 +78,15 @@ def test_figure5_compares_the_methods_in_json_table_and_picture(folder):
         assert f"| {method} | {METHODS[method].learned_on} | 2 | {np.median(values['returns']):.2f} [" in page
     assert (folder / f"{PART}.png").read_bytes().startswith(b"\x89PNG")
     assert "-67.84 | -67.85 |" in page  # the authors' expert, median and mean
+
+
+def test_the_table_says_what_it_rests_on(folder):
+    page, pusher = text_of(folder, PART), json_of(folder, PART)["environments"]["Pusher"]
+    assert all(sentence in page for sentence in RESTS_ON)
+    assert pusher["intervals"]["nas"]["kind"] == "range of 2 seeds"
+    assert pusher["at_stake"]["value"] == pytest.approx(
+        pusher["methods"]["expert"]["return"]["median"] - pusher["methods"]["source"]["return"]["median"]
+    )
 
 
 def test_every_run_of_figure5_records_what_it_depends_on(folder):
@@ -134,6 +144,7 @@ def test_a_second_call_trains_nothing_and_finds_the_same(folder):
     assert sum("done before" in line for line in said) == 2
     assert "all environments together" not in said
     assert found.data["environments"]["Pusher"]["methods"]["nas"]["returns"]
+    assert all(sentence in found.text for sentence in RESTS_ON)
 
 
 def test_more_seeds_leave_those_done_before_alone(folder):
@@ -406,7 +417,12 @@ def test_figure8_compares_all_methods_and_says_which_else_there_are(tmp_path):
     ("name", "end", "options"),
     [
         ("figure4", "", ()),
-        ("figure5", "-methods-expert-source-seeds-0", ("--methods", "expert", "source", "--seeds", "0")),
+        pytest.param(
+            "figure5",
+            "-methods-expert-source-seeds-0",
+            ("--methods", "expert", "source", "--seeds", "0"),
+            marks=pytest.mark.slow,
+        ),
         pytest.param(
             "figure6",
             "-seeds-0-counts-2-frames-128",

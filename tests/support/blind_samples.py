@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -69,6 +70,7 @@ def shorten(monkeypatch) -> None:
     """Let cases have three episodes of half a second (other arms: of one), and two fresh ones; none is drawn twice.
 
     Motions under torque commands are cut in two pieces of half a second, two motions handed over and one kept back.
+    Sizes of effects are tried first on MuJoCo, which is fast where episodes are few and short.
     """
     monkeypatch.setattr("nas_data.benchmarks.blind.run_case.draw_case", shortened)
     monkeypatch.setattr(xl320, "EPISODES", 3)
@@ -80,6 +82,8 @@ def shorten(monkeypatch) -> None:
     monkeypatch.setattr(torque, "PIECES", (2, 2))
     monkeypatch.setattr(torque, "MOTIONS", (2, 2))
     monkeypatch.setattr(torque, "SECONDS", (0.5, 0.5))
+    for setting in (xl320, torque):
+        monkeypatch.setattr(setting, "SETTING", replace(setting.SETTING, screen="mujoco"))
 
 
 def report_of(effects: list, verdict: str, unexplained: list | None = None) -> dict:

@@ -11,7 +11,7 @@ from nas_data.robots.base import Robot
 from nas_data.simulators.mujoco import MujocoSimulator
 
 PERIOD = 0.01
-FINE = 5e-5  # [s] step of the written-down servo
+FINE = 1e-4  # [s] step of the written-down servo
 
 TIMES = PERIOD * np.arange(300)
 SIGNALS = {

@@ -49,7 +49,7 @@ def played(
     effects: Sequence[str] = (),
     factors: Mapping[str, float] | None = None,
     target: str | None = None,
-    episodes: int = 4,
+    episodes: int = 3,
     seconds: float = 0.9,
     size: float = 0.7,
 ) -> tuple[Nominal, EpisodeBatch]:
