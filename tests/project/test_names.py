@@ -50,8 +50,9 @@ def missing(path: Path) -> list[str]:
 
 
 def has(module: ModuleType, name: str) -> bool:
-    """Whether a module has a name, or a module of that name in it."""
-    return hasattr(module, name) or importlib.util.find_spec(f"{module.__name__}.{name}") is not None
+    """Whether a module has a name, or a package a module of that name."""
+    in_folder = hasattr(module, "__path__") and importlib.util.find_spec(f"{module.__name__}.{name}") is not None
+    return hasattr(module, name) or in_folder
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.relative_to(ROOT).as_posix())
