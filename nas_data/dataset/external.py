@@ -7,10 +7,12 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import STATE
+from nas_data.dataset.features import STATE, VELOCITY
 from nas_data.dataset.joints import REMEDY
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.transitions import as_transitions
@@ -20,6 +22,7 @@ OURS = {"simulated", "hardware", "imported", "paired"}
 MAPS = Path(__file__).parents[1] / "importing" / "maps"
 REFUSED = ("rate", "time_gap", "time_backwards", "repeated_time", "not_finite", "unit_slip")
 ALSO_CALLED = {"so_follower": "so101_follower"}  # LeRobot's name of a SO-100 and a SO-101, whose servos count alike
+LARGEST = 100.001  # of LeRobot's −100 … 100, with rounding
 LEROBOT = "_lerobot"  # how the names of maps of LeRobot's datasets end
 
 
@@ -78,13 +81,17 @@ def refuse(root: Path, findings: Sequence[AuditFinding], dataset: Dataset) -> No
 
 
 def import_command(root: Path, dataset: Dataset) -> str:
-    """Return the command that imports a dataset of degrees or −100 … 100."""
+    """Return the command that imports a dataset of degrees or −100 … 100; both where the readings could be either."""
     where = shlex.quote(str(root))
     name = map_for(dataset.robot_type)
     if name:
         return f"import it: nas import {where} --map {name}"
-    gripper = any("gripper" in joint for joint in dataset.features[STATE].names)
-    return f"import it: nas import {where} --unit deg" + (" --model MODEL.xml" if gripper else "")
+    names = dataset.features[STATE].names
+    body = [column for column, name in enumerate(names) if not ("gripper" in name or name.endswith(VELOCITY))]
+    more = " --model MODEL.xml" if any("gripper" in name for name in names) else ""
+    could_be_range = np.abs(dataset.columns[STATE][:, body]).max(initial=0.0) <= LARGEST
+    other = "LeRobot's −100 … 100 need --unit range --calibration FILE instead of --unit deg; if these are degrees, "
+    return (other if could_be_range else "") + f"import it: nas import {where} --unit deg{more}"
 
 
 def map_for(robot_type: str) -> str | None:

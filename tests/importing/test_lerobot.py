@@ -166,6 +166,16 @@ def test_degrees_are_answered_with_the_command_that_imports_them(here, capsys, r
     assert np.abs(dataset.states[:, 0]).max() < 2 and verify(here / "done") == []
 
 
+def test_readings_beyond_100_are_degrees_and_others_may_be_ranges(here, capsys):
+    write_calibration(here / "FILE", JOINTS)
+    write_lerobot(here / "far", [(s * 150, c * 150) for s, c in scaled(1)], JOINTS, "arm2")
+    assert "--unit range" not in refused(capsys, "pair", "far", "--model", "arm.xml")
+    write_lerobot(here / "near", [(s * 50, c * 50) for s, c in scaled(1)], JOINTS, "arm2")
+    said = refused(capsys, "pair", "near", "--model", "arm.xml")
+    options = re.search(r"--unit range --calibration FILE", said)[0].split()
+    assert main(["import", "near", *options, "--out", "done"]) == 0
+
+
 def test_the_shipped_names_may_be_short():
     assert load_map("koch") == load_map("koch_lerobot") and load_map("so100") == load_map("so100_lerobot")
 
@@ -521,7 +531,8 @@ def test_a_gripper_of_a_robot_without_a_map_takes_its_range_from_the_model(here,
     write_lerobot(here / "d", episodes, names)
     (here / "arm.xml").write_text(ARM.replace("j2", "gripper"))
     said = refused(capsys, "pair", "d", "--model", "arm.xml")
-    assert said.strip().endswith("nas import d --unit deg --model MODEL.xml.")
+    assert "−100 … 100 need --unit range --calibration FILE" in said
+    assert said.strip().endswith("import it: nas import d --unit deg --model MODEL.xml.")
     assert "add --model" in refused(capsys, "import", "d", "--unit", "deg")
     dataset = read(imported("d", "--unit", "deg", "--model", "arm.xml"))
     wanted = -2 + 4 * episodes[0][0][:59, 1] / 100
