@@ -1,12 +1,15 @@
 """Make robots.md from robots.csv.
 
-Run `python docs/results/robots.py`.
+Run `python docs/results/robots.py`. With options it first adds a run of `nas gap`; the commands are in robots.md.
 """
 
+import math
+import sys
 from pathlib import Path
 
 import numpy as np
-from pages import HERE, markdown_table, number, read_table, render, write_page
+import tyro
+from pages import HERE, markdown_table, number, read_table, render, write_page, write_table
 
 GIVEN = {"5.7", "0.66", "3.2", "0.94", "1.06"}  # [°] fits by hand; [s] pieces of a recording; ± 6 % of a plain fit
 ROBOTS = {  # name in the table: on the page
@@ -93,5 +96,63 @@ def make_page(folder: Path) -> str:
     return render(folder / "robots.md.j2", Robots(folder))
 
 
-if __name__ == "__main__":
+def list_rows(robot: str, run: Path, model: str, given: Path, kept: Path | None) -> list[dict[str, object]]:
+    """Return the table's rows of one run: its held-out episodes, and recordings that it was not given."""
+    import nas_data as nas
+    from nas_data.runs.environment_info import find_commit
+
+    report = nas.GapReport.load(run)
+    gap = report.gap
+    sure = max((effect.confidence for effect in report.effects), default=None)
+    known = {"robot": robot, "seed": report.seed, "commit": (find_commit() or "")[:7], "unit": "deg"}
+    held = {"given": gap.before, "plain": gap.plain, "names": gap.after}
+    count, seconds = len(report.episodes.heldout), round(report.seconds)
+    rows: list[dict[str, object]] = [
+        {**known, "experiment": "held-out episodes", "method": method, "count": count, "time": seconds}
+        | {"open_loop": round(math.degrees(error), 3), "confidence": sure}
+        for method, error in held.items()
+        if error is not None
+    ]
+    if kept is not None:
+        rows += [
+            {**known, "experiment": "kept back", "method": method, "count": len(nas.Dataset.load(kept).lengths)}
+            | {"open_loop": round(math.degrees(error), 3), "time": "", "confidence": ""}
+            for method, error in judge_on_kept(run, model, given, kept).items()
+        ]
+    return rows
+
+
+def judge_on_kept(run: Path, model: str, given: Path, kept: Path) -> dict[str, float]:
+    """Return open-loop errors [rad] by method; the plain fit is made of what the run was given."""
+    import nas_data as nas
+    from nas_data.api.arguments import find_folder
+    from nas_data.gap.plain_source import fit_plain_source
+    from nas_data.models.evaluation import evaluate
+
+    recorded, fitted = nas.Dataset.load(kept), nas.Dataset.load(given)
+    found = nas.evaluate(run / "model.xml", recorded, model=model, plain_fit=False).open_loop
+    simulator = fit_plain_source(fitted, model, find_folder(fitted), print)
+    plain = evaluate(recorded, simulator, None).open_loop["source"]
+    return {"given": found["source"].overall, "plain": plain.overall, "names": found["model"].overall}
+
+
+def add_run(robot: str, run: Path, model: str, given: Path, kept: Path | None = None) -> None:
+    """Write the rows of one run to robots.csv, in the place of former ones of that robot, and make the page.
+
+    Args:
+        robot: Name of the robot in the table.
+        run: Folder of the gap report.
+        model: Given model.
+        given: Dataset that the run was given.
+        kept: Dataset that the run was not given.
+    """
+    table = HERE / "robots.csv"
+    before = [row for row in read_table(table) if row["robot"] != robot] if table.exists() else []
+    order = ("experiment", "robot", "method", "count", "seed", "commit", "unit", "open_loop", "time", "confidence")
+    rows = [*before, *list_rows(robot, run, model, given, kept)]
+    write_table(table, [{key: row[key] for key in order} for row in rows])
     write_page("robots", make_page(HERE), {})
+
+
+if __name__ == "__main__":
+    tyro.cli(add_run) if len(sys.argv) > 1 else write_page("robots", make_page(HERE), {})
