@@ -40,7 +40,7 @@ __all__ = [
 HOMES = {
     "Dataset": "dataset.dataset",
     "GapReport": "gap.report",
-    "LearnedModel": "api.learned",
+    "LearnedModel": "api.learned_model",
     "NasError": "errors",
     "evaluate": "api.evaluation",
     "identify": "api.gap",

@@ -62,7 +62,7 @@ def page(tmp_path_factory):
 def words_only(monkeypatch):
     """Leave out the pictures beside a page, which take longest."""
     for name in ("draw_all_joints", "draw_joint"):
-        monkeypatch.setattr(f"nas_data.gap.showing.show.{name}", lambda *_: None)
+        monkeypatch.setattr(f"nas_data.gap.showing.page.{name}", lambda *_: None)
     monkeypatch.setattr("nas_data.gap.showing.page.to_png", lambda _: b"")
 
 

@@ -341,7 +341,7 @@ def test_policies_that_were_not_judged_are_shown_as_they_ended_training(tmp_path
     names = [block.name for block in section.blocks if isinstance(block, Chart)]
     assert names == ["learning_curves", "success"]
     table = next(block for block in section.blocks if isinstance(block, HtmlTable))
-    assert "no policy was judged" in table.note
+    assert "no policy was evaluated on a target" in table.note
     assert len(table.headers) == len(table.rows[0])
 
 

@@ -7,12 +7,8 @@ from typing import TYPE_CHECKING
 
 from nas_data import registry
 from nas_data.dataset.dataset import Dataset
-from nas_data.models.lstm import DynamicsModel, Kind
+from nas_data.models.lstm import DynamicsModel
 from nas_data.models.presets import TrainingOptions
-from nas_data.models.run import TrainingRun
-from nas_data.models.training import ModelTraining
-from nas_data.runs.progress import silence
-from nas_data.simulators.base import Simulator
 from nas_data.sources import SourceModel
 
 if TYPE_CHECKING:
@@ -67,22 +63,3 @@ def find_kind(name: str) -> ModelKind:
         UnknownName: there is no such kind; lists those there are.
     """
     return registry.find_value(FOLDER, name, "kind", ModelKind)
-
-
-def train(
-    kind: Kind, data: Dataset, simulator: Simulator | None, options: TrainingOptions, folder: Path
-) -> DynamicsModel:
-    """Train φ or ψ; normalisation, shortcut and early stopping use these transitions alone.
-
-    Args:
-        kind: `delta` for φ, `forward` for ψ.
-        data: Transitions; paired with the simulator for φ.
-        simulator: Source, for φ.
-        options: Options of the training.
-        folder: Folder of checkpoint and history while it runs.
-
-    Raises:
-        DatasetInvalid: there is too little to train on.
-    """
-    training = ModelTraining(kind, data, options, simulator, device="cpu")
-    return TrainingRun(training, folder / "training", silence).run()

@@ -1,6 +1,7 @@
 """φ: the source with a correction learned from the subset."""
 
-from nas_data.studies.ablation.kinds.base import ModelKind, TrainedPredictor, TrainingInput, train
+from nas_data.studies.ablation.kinds.base import ModelKind, TrainedPredictor, TrainingInput
+from nas_data.studies.ablation.training import train
 
 
 def learn(lesson: TrainingInput) -> TrainedPredictor:

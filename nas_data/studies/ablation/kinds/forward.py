@@ -1,6 +1,7 @@
 """ψ: the next state from state and command, without a source."""
 
-from nas_data.studies.ablation.kinds.base import ModelKind, TrainedPredictor, TrainingInput, train
+from nas_data.studies.ablation.kinds.base import ModelKind, TrainedPredictor, TrainingInput
+from nas_data.studies.ablation.training import train
 
 
 def learn(lesson: TrainingInput) -> TrainedPredictor:

@@ -2,7 +2,8 @@
 
 from nas_data.pairing import pair
 from nas_data.studies.ablation.kinds import named
-from nas_data.studies.ablation.kinds.base import ModelKind, TrainedPredictor, TrainingInput, train
+from nas_data.studies.ablation.kinds.base import ModelKind, TrainedPredictor, TrainingInput
+from nas_data.studies.ablation.training import train
 
 
 def learn(lesson: TrainingInput) -> TrainedPredictor:
