@@ -9,7 +9,7 @@ import mujoco
 
 from nas_data.effects.base import Effect, read_effects
 from nas_data.errors import JointMismatch, OptionError
-from nas_data.gap.nominal_parameters import list_base_parameters, scale_base_parameters
+from nas_data.gap.nominal_parameters import FIRM, list_base_parameters, scale_base_parameters
 from nas_data.gap.write_model import EFFECTS, read_factors
 from nas_data.mjcf.bake_inertia import bake_inertia
 from nas_data.robots.base import Robot
@@ -66,6 +66,7 @@ class ModelCorrection:
         spec = robot.spec()
         known = {joint.name for joint in spec.joints}
         base = {parameter.name for parameter in list_base_parameters(bake_inertia(spec), joints)}
+        base |= {joint + FIRM for joint in known}
         strange = [f"the joint '{effect.joint}'" for effect in self.effects if effect.joint not in {None, *known}]
         strange += [f"the parameter '{name}'" for name in self.retuned if name not in base]
         if strange:

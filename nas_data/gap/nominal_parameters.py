@@ -7,6 +7,7 @@ from typing import Literal
 import mujoco
 import numpy as np
 
+from nas_data.effects.edits.holding import stiffen_friction
 from nas_data.effects.edits.servo import (
     is_velocity_servo,
     read_filter_time,
@@ -24,6 +25,7 @@ TOLERANCE = 0.06  # standard deviation σ of a base parameter's logarithm
 MORE_FRICTION = 0.02  # σ for friction above the model's, which is an effect
 MAX_LOG_CHANGE = float(np.log(1.25))  # bound; a larger change is a missing effect
 FREE_DEVIATION = 2.0  # σ of a freed parameter; published gains of one servo differ by a factor of 6
+FIRM = ".solimpfriction"  # end of the name of a factor on the impedance of a joint's friction, which no fit changes
 FREE_LOG_CHANGE = float(np.log(1000.0))  # bound of a freed parameter
 
 
@@ -148,7 +150,11 @@ def find_moved_bodies(model: mujoco.MjModel, joint: str, joints: Sequence[str]) 
 
 
 def scale_base_parameters(spec: mujoco.MjSpec, base: Sequence[NominalParameter], factors: Mapping[str, float]) -> None:
-    """Multiply base parameters of a model with explicit inertias by factors, by name."""
+    """Multiply base parameters of a model with explicit inertias, and impedances of friction, by factors, by name."""
     for parameter in base:
         if (factor := factors.get(parameter.name, 1.0)) != 1.0:
             parameter.scale(spec, factor)
+    for name, factor in factors.items():
+        if name.endswith(FIRM):
+            joint = name.removesuffix(FIRM)
+            stiffen_friction(spec, joint, factor * float(spec.joint(joint).solimp_friction[0]))

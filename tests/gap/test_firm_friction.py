@@ -1,0 +1,66 @@
+"""Friction of a model that creeps where the arm's holds is made firm, and no effect is named."""
+
+import mujoco
+import numpy as np
+import pytest
+
+import nas_data as nas
+from nas_data.cli import main
+from nas_data.effects.base import add_effects, parse
+
+ARM = """<mujoco><compiler angle="radian" autolimits="true"/><option timestep="0.002" integrator="implicitfast"/>
+<default><geom contype="0" conaffinity="0"/></default><worldbody><body pos="0 0 .5">
+<joint name="j" axis="0 1 0" range="-2 2" damping=".05" armature=".004" frictionloss=".3" {firm}/>
+<geom type="capsule" fromto="0 0 0 .2 0 0" size=".01" mass=".15"/></body></worldbody>
+<actuator><position name="j" joint="j" kp="8" kv=".4"/></actuator></mujoco>"""
+FIRM = 'solimpfriction="0.999 0.999 0.001 0.5 2" solreffriction="0.004 1"'
+RATE, ROWS, HELD = 50, 150, 25
+
+
+def record(hidden: str) -> nas.Dataset:
+    """Record motions with stops of an arm whose friction holds."""
+    spec = mujoco.MjSpec.from_string(ARM.format(firm=FIRM))
+    add_effects(spec, [parse(hidden)] if hidden else [])
+    model, rng, positions, commands = spec.compile(), np.random.default_rng(0), [], []
+    times = np.arange(ROWS) / RATE
+    for _ in range(5):
+        asked = sum(0.4 * (np.sin(times * w + p) - np.sin(p)) for w, p in rng.uniform(1.5, 7.0, (3, 2)))
+        stop = np.arange(ROWS) // HELD
+        asked = np.where((stop % 2 == 1) | (stop == 0), asked[stop * HELD], asked)
+        data = mujoco.MjData(model)
+        mujoco.mj_step(model, data, 300)
+        rows = [data.qpos.copy()]
+        for command in asked:
+            data.ctrl[:] = command
+            mujoco.mj_step(model, data, 10)
+            rows.append(data.qpos.copy())
+        positions.append(np.array(rows) + rng.normal(scale=3e-4, size=(ROWS + 1, 1)))
+        commands.append(asked[:, None])
+    return nas.Dataset.from_arrays(positions, commands, rate=RATE, joints=["j"])
+
+
+def identify(folder, hidden: str) -> nas.GapReport:
+    (folder / "arm.xml").write_text(ARM.format(firm=""))
+    return nas.identify(record(hidden), model=folder / "arm.xml")
+
+
+def test_friction_that_only_has_to_hold_is_retuned_and_not_named(tmp_path):
+    report = identify(tmp_path, "")
+    assert report.verdict == "retuned" and report.effects == ()
+    (firm,) = [entry for entry in report.retuned if entry.parameter == "j.solimpfriction"]
+    assert firm.factor > 1.05
+    report.save(tmp_path / "gap")
+    root = record("").save(tmp_path / "datasets/arm")
+    for file in ("effects.json", "report.json"):
+        words = ["gap", "add", root, "--model", tmp_path / "arm.xml", "--effects", tmp_path / "gap" / file]
+        assert main([*map(str, words), "--out", str(tmp_path / file)]) == 0
+        again = mujoco.MjModel.from_xml_path(str(tmp_path / file / "model.xml"))
+        assert again.dof_solimp[0, 0] == pytest.approx(0.9 * firm.factor, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_more_friction_is_named_with_its_size(tmp_path):
+    report = identify(tmp_path, "coulomb_friction:joint=j,torque=0.2")
+    (found,) = report.effects
+    assert (found.name, found.joint) == ("coulomb_friction", "j")
+    assert found.parameters["torque"].value == pytest.approx(0.2, rel=0.15)
