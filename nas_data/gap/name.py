@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from nas_data.effects.base import Effect, make_effect
+from nas_data.effects.base import Effect
 from nas_data.gap.nominal_parameters import FIRM
 from nas_data.gap.search.choose import choose
 from nas_data.gap.search.constants import PRICE
 from nas_data.gap.search.final import FinalFit, fit_final
-from nas_data.gap.search.fit import Fit
-from nas_data.gap.search.hypothesis import Description, Hypothesis, effect_key
+from nas_data.gap.search.fit import Fit, measure_jacobian
+from nas_data.gap.search.hypothesis import Description, Hypothesis, effect_key, reuse_jacobian
 from nas_data.gap.search.moves.replace_by_rival import fit_rivals
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.search import Search
@@ -26,7 +26,7 @@ EQUAL_CLOSENESS = 0.8  # closeness above which a rival is listed as equal; 1 for
 UNEXPLAINED_FLOORS = 3.0  # noise floors above which a joint may be unexplained
 UNEXPLAINED_SHARE = 0.75  # share of the error before above which such a joint is unexplained
 UNSURE_FLOORS = 2.0  # noise floors above which confidence is reduced
-NO_SIZE = 1e-6  # share of an effect's size that stands for none
+SMALLEST_IMPEDANCE = 1e-4  # of a friction constraint, in MuJoCo
 EXPLAINED_FLOORS = 1.5  # noise floors up to which a joint is explained
 
 
@@ -122,46 +122,84 @@ def name(train: FitTask, held: FitTask, say: Callable[[str], None] = lambda text
     kept = withdraw(search, choice.best)
     say("comparing what is nearly as good")
     kept = break_tie(search, train, kept)
+    kept, firm = make_friction_firm(search, kept)
+    train = replace(search.train, fine=search.task.fine)
     null = FinalFit((), search.null.fit.factors, ())
     say("last fit, on all training episodes")
     final = fit_final(train, kept.description, kept.fit.factors)
-    sized = [number for number in range(len(kept.effects)) if needs_size(search, kept, number)]
     judged: list[tuple[Finding, Hypothesis | None]] = []
-    for number in sized:
-        effect = kept.effects[number]
-        say(f"judging {effect.name()} at {effect.joint or 'the arm'}, {len(judged) + 1} of {len(sized)}")
+    for number, effect in enumerate(kept.effects):
+        say(f"judging {effect.name()} at {effect.joint or 'the arm'}, {number + 1} of {len(kept.effects)}")
         judged.append(assess(search, kept, final, number))
     order = sorted(range(len(judged)), key=lambda number: -judged[number][0].confidence)
     findings, rivals = [judged[number][0] for number in order], [judged[number][1] for number in order]
     baseline = FinalFit(plain.effects, plain.fit.factors, (), choice.plain_fine)
-    description = keep_effects(kept.description, sized)
-    final = replace(
-        final,
-        effects=tuple(final.effects[number] for number in sized),
-        intervals=tuple(final.intervals[number] for number in sized),
-        factors={**final.factors, **find_firm_friction(search, kept, sized)},
+    final = replace(final, factors={**final.factors, **firm})
+    return Naming(
+        tuple(findings), final, null, baseline, tuple(rivals), kept.description, plain.description, final.stable
     )
-    return Naming(tuple(findings), final, null, baseline, tuple(rivals), description, plain.description, final.stable)
 
 
-def keep_effects(description: Description, numbers: Sequence[int]) -> Description:
-    """Return a description with some of its effects."""
-    effects = tuple(description.effects[number] for number in numbers)
-    shared = description.shared & {effect.name() for effect in effects}
-    return replace(description, effects=effects, shared=shared)
+def make_friction_firm(search: Search, kept: Hypothesis) -> tuple[Hypothesis, Mapping[str, float]]:
+    """Replace effects of friction whose size is not worth its price by firm friction of the model.
 
+    Such an effect also makes the friction of its joint hold without creep. Where the model's own friction creeps, that
+    may be all that counts. The search goes on with a model whose friction is firm, and no effect is named.
 
-def find_firm_friction(search: Search, kept: Hypothesis, sized: Sequence[int]) -> Mapping[str, float]:
-    """Return the joints whose friction an effect without size makes firm, as factors of the friction's impedance."""
+    Returns:
+        The hypothesis without these effects, and the factors of `JOINT.solimpfriction`.
+    """
     firm: dict[str, float] = {}
-    for number, effect in enumerate(kept.effects):
-        if number not in sized and effect.joint:
-            spec = search.train.nominal.spec.copy()
-            own = float(spec.joint(effect.joint).solimp_friction[0])
-            effect.edit(spec)
-            ratio = float(spec.joint(effect.joint).solimp_friction[0]) / own
-            firm |= {effect.joint + FIRM: ratio} if ratio > 1 else {}
-    return firm
+    kept = search.rescore(kept)
+    for effect in kept.effects:
+        factor = measure_firmness(search, effect)
+        if factor is None:
+            continue
+        before, train, one = search.current_round, search.train, {f"{effect.joint}{FIRM}": factor}
+        search.make_friction_firm(one)
+        other = leave_out(search, kept, effect)
+        if other is not None and measure_loss(other) < measure_loss(kept) + PRICE:
+            search.say(f"{effect.name()} at {effect.joint}: only the firmer friction of the joint counts")
+            kept, firm = other, {**firm, **one}
+        else:
+            search.train = train
+            search.return_to(before)
+    return kept, firm
+
+
+def measure_firmness(search: Search, effect: Effect) -> float | None:
+    """Return the impedance of the friction of an effect's joint over the model's own; None if it changes nothing."""
+    if effect.joint is None:
+        return None
+    spec = search.train.nominal.spec.copy()
+    own, time = float(spec.joint(effect.joint).solimp_friction[0]), float(spec.joint(effect.joint).solref_friction[0])
+    effect.edit(spec)
+    friction = spec.joint(effect.joint)
+    if friction.solimp_friction[0] <= own and friction.solref_friction[0] == time:
+        return None
+    return max(1.0, float(friction.solimp_friction[0]) / max(own, SMALLEST_IMPEDANCE))
+
+
+def leave_out(search: Search, kept: Hypothesis, effect: Effect) -> Hypothesis | None:
+    """Return a hypothesis without an effect and with all other values unchanged; None if it diverges."""
+    number = [effect_key(each) for each in kept.effects].index(effect_key(effect))
+    description = kept.description.without_effect(number)
+    parameters = description.parameters(search.train.nominal.base)
+    theta = parameters.initial_theta(kept.fit.factors)
+    predicted = search.task.predict(parameters, theta)
+    if predicted is None:
+        return None
+    known = reuse_jacobian(kept.fit, parameters)
+    missing = [column for column in range(parameters.size) if column not in known]
+    known |= dict(zip(missing, measure_jacobian(search.task, parameters, theta, predicted, missing), strict=True))
+    jacobian = np.array([known[column] for column in range(parameters.size)]).reshape(-1, *predicted.shape)
+    misfit = search.task.misfit(predicted)
+    return search.evaluate(description, Fit(parameters, theta, predicted, misfit, jacobian, search.task.objective))
+
+
+def measure_loss(h: Hypothesis) -> float:
+    """Return the misfit of a hypothesis on fitted and held-out episodes [nats], at one tolerance."""
+    return h.fit.misfit + h.heldout_misfit
 
 
 def withdraw(search: Search, kept: Hypothesis) -> Hypothesis:
@@ -181,29 +219,6 @@ def withdraw(search: Search, kept: Hypothesis) -> Hypothesis:
         return kept
     search.report(f"{', '.join(sorted(unknown))} not explained by any effect", other)
     return other
-
-
-def needs_size(search: Search, kept: Hypothesis, number: int) -> bool:
-    """Whether the size of an effect is worth its price, beside what else it changes in the model.
-
-    An effect of friction also makes the friction of a joint hold without creep. Where the model's own friction creeps,
-    that may be all that counts. The friction is then made firm in the model, and no effect is named.
-    """
-    effect = kept.effects[number]
-    size = effect.parameters[0]
-    if effect.joint is None or size.neutral != 0:
-        return True
-    values = {p.name: float(getattr(effect, p.name)) for p in effect.parameters}
-    without = make_effect(effect.name(), effect.joint, values | {size.name: NO_SIZE * values[size.name]})
-    effects = [*kept.effects[:number], without, *kept.effects[number + 1 :]]
-    description = kept.description.with_effects(effects)
-    parameters = description.parameters(search.train.nominal.base)
-    theta = parameters.initial_theta(kept.fit.factors)
-    predicted = search.task.predict(parameters, theta)
-    if predicted is None:
-        return True
-    fit = Fit(parameters, theta, predicted, search.task.misfit(predicted), kept.fit.jacobian, search.task.objective)
-    return search.evaluate(description, fit).score.over(search.rescore(kept).score) >= PRICE
 
 
 def assess(search: Search, kept: Hypothesis, final: FinalFit, number: int) -> tuple[Finding, Hypothesis | None]:

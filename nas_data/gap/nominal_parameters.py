@@ -25,6 +25,7 @@ TOLERANCE = 0.06  # standard deviation σ of a base parameter's logarithm
 MORE_FRICTION = 0.02  # σ for friction above the model's, which is an effect
 MAX_LOG_CHANGE = float(np.log(1.25))  # bound; a larger change is a missing effect
 FREE_DEVIATION = 2.0  # σ of a freed parameter; published gains of one servo differ by a factor of 6
+LARGEST_IMPEDANCE = 0.9999  # that MuJoCo takes
 FIRM = ".solimpfriction"  # end of the name of a factor on the impedance of a joint's friction, which no fit changes
 FREE_LOG_CHANGE = float(np.log(1000.0))  # bound of a freed parameter
 
@@ -157,4 +158,4 @@ def scale_base_parameters(spec: mujoco.MjSpec, base: Sequence[NominalParameter],
     for name, factor in factors.items():
         if name.endswith(FIRM):
             joint = name.removesuffix(FIRM)
-            stiffen_friction(spec, joint, factor * float(spec.joint(joint).solimp_friction[0]))
+            stiffen_friction(spec, joint, min(factor * float(spec.joint(joint).solimp_friction[0]), LARGEST_IMPEDANCE))

@@ -15,6 +15,7 @@ from nas_data.gap.deliver import deliver
 from nas_data.gap.experiments.experiment import Rival, choose_next_experiment, write_experiment
 from nas_data.gap.finding.find import find
 from nas_data.gap.name import Naming, name
+from nas_data.gap.nominal_parameters import FIRM
 from nas_data.gap.output_folder import check_output_folder, clear_report
 from nas_data.gap.problem import Problem
 from nas_data.gap.report import GapReport
@@ -130,9 +131,10 @@ def propose_experiment(problem: Problem, naming: Naming, folder: Path, say: Repo
     if rival is None:
         return Proposal()
     say("comparing experiments that would settle the most doubtful name")
+    firm = {name: factor for name, factor in naming.final.factors.items() if name.endswith(FIRM)}
     pair = (
         Rival(naming.final.effects, dict(naming.final.factors)),
-        Rival(rival.effects, rival.fit.factors),
+        Rival(rival.effects, {**rival.fit.factors, **firm}),
     )
     try:
         experiment = choose_next_experiment(

@@ -76,5 +76,6 @@ def make_column(values: list[object]) -> pa.Array:
     plain = [value.tolist() if isinstance(value, np.ndarray) else value for value in values]
     try:
         return pa.array(plain)
-    except (pa.ArrowInvalid, pa.ArrowTypeError):
-        return pa.array([None if value is None else str(value) for value in plain])
+    except (pa.ArrowInvalid, pa.ArrowTypeError, OverflowError, UnicodeEncodeError):
+        texts = [None if value is None else str(value).encode(errors="replace").decode() for value in plain]
+        return pa.array(texts)

@@ -15,7 +15,7 @@ SHOWN = 8  # most names listed in a message
 ROS_NAMES = ("name", "joint_names")  # fields of JointState; of JointTrajectory and the states of controllers
 
 
-def arrange(table: LogTable, mapping: Map, required: bool) -> LogTable:
+def arrange(table: LogTable, mapping: Map, key: str, required: bool) -> LogTable:
     """Compare a table's joint names with the map, or reorder its vectors if each row has names.
 
     Rows that name none of the map's joints come from another publisher and are left out.
@@ -23,6 +23,7 @@ def arrange(table: LogTable, mapping: Map, required: bool) -> LogTable:
     Args:
         table: One file, or one topic.
         mapping: Map with the joints and the column of their names.
+        key: Name of the file or topic in the map.
         required: Whether the table must have that column.
 
     Raises:
@@ -32,7 +33,7 @@ def arrange(table: LogTable, mapping: Map, required: bool) -> LogTable:
     found = find_names_column(table, mapping)
     if not mapping.joint_names:
         if found is not None:
-            _refuse_other_order(table, mapping, found)
+            _refuse_other_order(table, mapping, key, found)
         return table
     name = found or mapping.joint_names
     if not required and name not in table.columns:
@@ -48,12 +49,19 @@ def arrange(table: LogTable, mapping: Map, required: bool) -> LogTable:
 def find_names_column(table: LogTable, mapping: Map) -> str | None:
     """Return the column of a table's joint names: the map's, or that of its type of message; None if it has none."""
     known = (mapping.joint_names, *ROS_NAMES) if mapping.layout.topics else (mapping.joint_names,)
-    return next((name for name in known if name in table.columns), None)
+    return next((name for name in known if name in table.columns and _may_name_joints(table, mapping, name)), None)
 
 
-def _refuse_other_order(table: LogTable, mapping: Map, column: str) -> None:
+def _may_name_joints(table: LogTable, mapping: Map, name: str) -> bool:
+    """Whether a column is the map's, or holds a list in each row; a text of that name is something else."""
+    return name == mapping.joint_names or isinstance(_read_names(table.column(name)), list)
+
+
+def _refuse_other_order(table: LogTable, mapping: Map, key: str, column: str) -> None:
     """Refuse messages that name the map's joints in another order, if the map neither reads names nor picks."""
-    rows, picked = _read_names(table.column(column)), mapping.position.source.components
+    read = [mapping.position, mapping.velocity, mapping.command, *mapping.signals.values()]
+    here = [quantity.source for quantity in read if quantity and quantity.source.table == key]
+    rows, picked = _read_names(table.column(column)), bool(here) and all(source.components for source in here)
     other = next((row for row in rows if set(row) == set(mapping.joints) and row != mapping.joints), None)
     if other is not None and not picked:
         raise MapError(

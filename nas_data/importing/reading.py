@@ -20,6 +20,7 @@ from nas_data.importing.naming import arrange, find_names_column
 from nas_data.importing.table import LogTable
 
 MIN_ROWS = 3  # least number of rows, for two transitions
+LONGEST_WAY = 0.5  # [s] that a message may take to arrive; a larger difference is one of clocks
 SUFFIXES = {"position": POSITION, "velocity": VELOCITY, "effort": EFFORT}  # suffixes of component names
 
 
@@ -128,12 +129,12 @@ def _read_tables(log: Path, mapping: Map) -> dict[str, LogTable]:
             raise LogError(f"{log} is a folder, but the map reads single {mapping.layout.format} files.")
         tables = read_tables(log, mapping.layout)
         named = {key for key, table in tables.items() if find_names_column(table, mapping)}
-        return {key: arrange(table, mapping, required=not named) for key, table in tables.items()}
+        return {key: arrange(table, mapping, key, required=not named) for key, table in tables.items()}
     if not log.is_dir():
         raise LogError(f"{log} is no folder, but the map reads {', '.join(files.values())} out of one.")
     read = {key: read_table(log / name, mapping.layout) for key, name in files.items()}
     where = mapping.position.source.table
-    return {key: arrange(table, mapping, required=key == where) for key, table in read.items()}
+    return {key: arrange(table, mapping, key, required=key == where) for key, table in read.items()}
 
 
 def _read_times(tables: dict[str, LogTable], mapping: Map) -> dict[str, np.ndarray]:
@@ -153,7 +154,7 @@ def _read_times(tables: dict[str, LogTable], mapping: Map) -> dict[str, np.ndarr
 
 
 def _refuse_other_clocks(tables: dict[str, LogTable], ticks: dict[str, np.ndarray], mapping: Map) -> None:
-    """Refuse topics whose times are of clocks that differ by more than the tolerance of the join.
+    """Refuse topics whose times are of clocks that differ by more than any message takes to arrive.
 
     Raises:
         LogError: names the topic and the difference; the time of receipt has one clock.
@@ -164,7 +165,7 @@ def _refuse_other_clocks(tables: dict[str, LogTable], ticks: dict[str, np.ndarra
     ahead = {key: float(np.median(ticks[key] - table.ticks(RECEIVED, "ns"))) for key, table in tables.items()}
     for key, table in tables.items():
         seconds = (ahead[key] - ahead[reference]) * TIME_UNITS["ns"]
-        if abs(seconds) > mapping.layout.tolerance:
+        if abs(seconds) > LONGEST_WAY:
             raise LogError(
                 f"{table.path}: the times that [read.time] names are {abs(seconds):.3g} s "
                 f"{'ahead of' if seconds > 0 else 'behind'} those of {mapping.layout.topics[reference]}, "

@@ -74,8 +74,8 @@ def make_coverage_chart(dataset: Dataset) -> Chart:
         )
         panels.title(place, f"{joint} [{unit.mark.strip()}]")
     caption = (
-        "Position (across) and speed in the same unit a second (upwards) of each joint; darker is more often. An "
-        "effect that acts where nothing was recorded cannot be found."
+        "Position (across) and speed in the same unit a second (upwards) of each joint; the stronger the colour, the "
+        "more rows. An effect that acts where nothing was recorded cannot be found."
     )
     return Chart("states", caption, traces, {**panels.layout, "hovermode": "closest"}, panels.height)
 

@@ -58,7 +58,6 @@ def test_friction_that_only_has_to_hold_is_retuned_and_not_named(tmp_path):
         assert again.dof_solimp[0, 0] == pytest.approx(0.9 * firm.factor, rel=1e-3)
 
 
-@pytest.mark.slow
 def test_more_friction_is_named_with_its_size(tmp_path):
     report = identify(tmp_path, "coulomb_friction:joint=j,torque=0.2")
     (found,) = report.effects

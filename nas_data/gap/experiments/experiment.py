@@ -79,7 +79,7 @@ def choose_next_experiment(
         seed: Seed of random excitations.
 
     Raises:
-        SimulationDiverged: the second rival diverges.
+        ModelFileError: the second rival diverges.
         OptionError: the model takes torques without limits, or every experiment would harm the arm.
     """
     room = CommandRange.of(nominal, evidence)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from nas_data.errors import SimulationDiverged
+from nas_data.errors import ModelFileError
 from nas_data.excitations.chirp import Chirp
 from nas_data.excitations.steps import Steps
 from nas_data.excitations.triangle import Triangle
@@ -121,7 +121,7 @@ def is_harmless(nominal: Nominal, rival: Rival, room: CommandRange, commands: np
     """
     try:
         path = nominal.predict(make_batch(nominal, [commands], room.pose), rival.effects, rival.factors)[0]
-    except SimulationDiverged:
+    except ModelFileError:
         return False
     if (np.abs(np.diff(path, axis=0)).max(0) > room.fastest * room.period).any():
         return False

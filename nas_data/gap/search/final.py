@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nas_data.effects.base import Effect, Parameter
-from nas_data.gap.nominal_parameters import TOLERANCE, read_own_amount
+from nas_data.gap.nominal_parameters import FIRM, TOLERANCE, read_own_amount
 from nas_data.gap.search.fit import Fit, build_normal_equations, fit, measure_jacobian
 from nas_data.gap.search.hypothesis import Description, reuse_jacobian
 from nas_data.gap.search.objective import FitTask
@@ -51,9 +51,11 @@ def fit_final(task: FitTask, description: Description, factors: dict[str, float]
     Args:
         task: Model and all training episodes.
         description: Hypothesis; its effects are the initial values.
-        factors: Initial factors of the model's parameters, by name.
+        factors: Initial factors of the model's parameters, by name, and of friction that is made firm.
         rounds: Number of fits, each relinearised at the last.
     """
+    firm = {name: factor for name, factor in factors.items() if name.endswith(FIRM)}
+    task = task.with_firm_friction(firm) if firm else task
     parameters = description.parameters(task.nominal.base)
     theta = parameters.initial_theta(factors)
     found: Fit | None = None
@@ -72,7 +74,7 @@ def fit_final(task: FitTask, description: Description, factors: dict[str, float]
         return FinalFit(description.effects, factors, tuple({} for _ in description.effects))
     return FinalFit(
         effects=found.effects,
-        factors=found.factors,
+        factors={**found.factors, **firm},
         intervals=compute_intervals(task, found),
         fine=task.fine,
         at_bound=find_at_bound(found),
@@ -194,7 +196,7 @@ def list_retuned(final: FinalFit, smallest: float = 0.005) -> list[dict[str, obj
     return [
         {"parameter": name, "factor": round(factor, 4), "at_bound": name in final.at_bound}
         for name, factor in final.factors.items()
-        if abs(math.log(factor)) > smallest
+        if abs(math.log(factor)) > smallest or name.endswith(FIRM)
     ]
 
 

@@ -11,6 +11,7 @@ from nas_data.errors import ModelFileError
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.integrator import find_whole_step
 from nas_data.gap.nominal import Nominal, find_fine_timestep, with_timestep
+from nas_data.gap.nominal_parameters import scale_base_parameters
 from nas_data.gap.search.constants import CORRELATION, ERROR_SHARE, GAIN_SHARE
 from nas_data.gap.search.parameters import FreeParameters
 
@@ -106,6 +107,19 @@ class FitTask:
     def with_new_objective(self) -> "FitTask":
         """Return the task with a new objective number."""
         return replace(self, objective=next(OBJECTIVES))
+
+    def with_firm_friction(self, firm: Mapping[str, float]) -> "FitTask":
+        """Return the task with a model whose friction is firm in some joints, as a new objective.
+
+        Args:
+            firm: Factors of `JOINT.solimpfriction`.
+        """
+        nominal, coarse = (
+            model and model.with_edit(lambda spec: scale_base_parameters(spec, (), firm))
+            for model in (self.nominal, self.coarse_model)
+        )
+        assert nominal is not None
+        return replace(self, nominal=nominal, coarse_model=coarse).with_new_objective()
 
     @property
     def tolerance(self) -> np.ndarray:

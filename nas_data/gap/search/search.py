@@ -1,6 +1,6 @@
 """State of a search: objective, episodes, and hypotheses fitted to them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -223,6 +223,18 @@ class Search:
         self._cache.clear()
         self.nominal, self.null = self.rescore(self.nominal), self.rescore(self.null)
         return self.rescore(self.evaluate(description, found))
+
+    def make_friction_firm(self, firm: Mapping[str, float]) -> None:
+        """Go on with a model whose friction is firm in some joints; other hypotheses must be scored again.
+
+        Args:
+            firm: Factors of `JOINT.solimpfriction`.
+        """
+        self.train, self.task = self.train.with_firm_friction(firm), self.task.with_firm_friction(firm)
+        self.held = self.held.with_firm_friction(firm).with_tolerance_of(self.task)
+        self._cache.clear()
+        self.known_changes.clear()
+        self.nominal, self.null = self.rescore(self.nominal), self.rescore(self.null)
 
     @property
     def begins_in_motion(self) -> bool:

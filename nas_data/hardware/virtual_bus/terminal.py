@@ -17,7 +17,7 @@ from nas_data.effects.base import parse as parse_effect
 from nas_data.errors import OptionError
 from nas_data.hardware.virtual_bus.arm import MountedServo, VirtualArm
 from nas_data.hardware.virtual_bus.device import Device, LockStep, RealClock
-from nas_data.hardware.virtual_bus.faults import LineGone, parse
+from nas_data.hardware.virtual_bus.faults import LineGone
 from nas_data.hardware.virtual_bus.faults import parse as parse_fault
 
 IDLE = 0.004  # [s] between two updates of the arm without bus traffic
@@ -73,7 +73,7 @@ class Terminal:
         for line in lines.split("\n"):
             word, _, rest = line.partition(" ")
             if word == "fault":
-                self._device.inject(parse(rest))
+                self._device.inject(parse_fault(rest))
             elif word == "repair":
                 self._device.repair()
             elif word == "count":

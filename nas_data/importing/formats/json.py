@@ -47,7 +47,7 @@ def _parse(path: Path) -> object:
     except json.JSONDecodeError as error:
         first = error
     if (first.msg, first.lineno, first.colno) == ("Extra data", 2, 1):  # a value a line
-        text = "[" + ",\n".join(text.splitlines()) + "]"
+        text = "[" + ",\n".join(line for line in text.split("\n") if line.strip()) + "]"
     try:
         return json.loads(text)
     except json.JSONDecodeError as error:
