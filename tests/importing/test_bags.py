@@ -123,6 +123,32 @@ def test_names_in_another_order_than_the_map_are_not_passed_over(tmp_path):
         import_bag(tmp_path, lambda text: text.replace('joint_names = "name"\n', ""))
 
 
+def test_a_topic_whose_components_the_map_picks_does_not_vouch_for_another(tmp_path):
+    """Positions are picked by number; the commands name the joints in another order, and nothing picks them."""
+
+    def as_trajectory(message):
+        return {"joint_names": ["elbow", "shoulder"], "points": [{"positions": message["data"][::-1]}]}
+
+    def edit(text):
+        text = text.replace('joint_names = "name"\n', "").replace('column = "data"', 'column = "points.0.positions"')
+        return text.replace('column = "position"', 'column = "position"\ncomponents = [0, 1]')
+
+    write_messages(tmp_path / "bag.mcap", change_command=as_trajectory)
+    with pytest.raises(MapError, match="say joint_names = 'joint_names'"):
+        import_bag(tmp_path, edit)
+
+
+def test_messages_that_need_some_time_to_arrive_have_no_other_clock(tmp_path):
+    def late(message):
+        """Stamp a message 30 ms before it is received."""
+        stamp = message["header"]["stamp"]
+        seconds, rest = divmod(stamp["sec"] * 1_000_000_000 + stamp["nanosec"] - 30_000_000, 1_000_000_000)
+        return {**message, "header": {"stamp": {"sec": seconds, "nanosec": rest}}}
+
+    write_messages(tmp_path / "bag.mcap", change_state=late)
+    assert import_bag(tmp_path).n_frames > 190
+
+
 def test_stamps_of_foxglove_and_of_ros_1_are_times(tmp_path):
     for seconds, nanoseconds in (("sec", "nsec"), ("secs", "nsecs")):
 
