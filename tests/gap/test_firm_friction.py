@@ -7,6 +7,12 @@ import pytest
 import nas_data as nas
 from nas_data.cli import main
 from nas_data.effects.base import add_effects, parse
+from nas_data.effects.coulomb_friction import CoulombFriction
+from nas_data.effects.load_friction import LoadFriction
+from nas_data.gap.problem import Problem
+from nas_data.gap.search.firm_friction import make_friction_firm
+from nas_data.gap.search.hypothesis import Description
+from nas_data.gap.search.search import Search
 
 ARM = """<mujoco><compiler angle="radian" autolimits="true"/><option timestep="0.002" integrator="implicitfast"/>
 <default><geom contype="0" conaffinity="0"/></default><worldbody><body pos="0 0 .5">
@@ -63,3 +69,13 @@ def test_more_friction_is_named_with_its_size(tmp_path):
     (found,) = report.effects
     assert (found.name, found.joint) == ("coulomb_friction", "j")
     assert found.parameters["torque"].value == pytest.approx(0.2, rel=0.15)
+
+
+def test_two_effects_without_size_in_one_joint_are_both_left_out(tmp_path):
+    (tmp_path / "arm.xml").write_text(ARM.format(firm=""))
+    problem = Problem.of(record(""), tmp_path / "arm.xml", None)
+    search = Search.begin(problem.train, problem.held)
+    effects = (CoulombFriction(joint="j", torque=1e-9), LoadFriction(joint="j", ratio=1e-9))
+    kept = search.fit_description(Description(effects), {}, steps=1)
+    kept, firm = make_friction_firm(search, kept)
+    assert kept.effects == () and firm == pytest.approx({"j.solimpfriction": 0.999 / 0.9})
