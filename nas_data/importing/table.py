@@ -75,7 +75,7 @@ class LogTable:
             return self._from_numpy(name, column)
         kind = column.type
         if pa.types.is_dictionary(kind):
-            column, kind = column.dictionary_decode(), kind.value_type
+            column, kind = column.cast(kind.value_type), kind.value_type
         if pa.types.is_string(kind) or pa.types.is_large_string(kind):
             return self._from_text(name, column)
         if pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind):
@@ -137,6 +137,8 @@ class LogTable:
 
     def _convert_arrow_ticks(self, name: str, column: pa.Array, unit: str) -> np.ndarray | None:
         """Return a column of integers or dates, also as text, as integers, shape (N,); None for others."""
+        if pa.types.is_dictionary(column.type):
+            column = column.cast(column.type.value_type)
         if pa.types.is_string(column.type):
             kinds = [pa.timestamp("ns"), pa.timestamp("ns", "UTC")] if unit == "datetime" else [pa.int64()]
             column = pc.utf8_trim_whitespace(column)
@@ -147,10 +149,10 @@ class LogTable:
                 except pa.ArrowInvalid:
                     continue
         is_duration = pa.types.is_duration(column.type)
-        is_date = is_duration or pa.types.is_timestamp(column.type)
+        is_date = is_duration or pa.types.is_timestamp(column.type) or pa.types.is_date(column.type)
         self._check_date(name, column, is_date, unit)
         if is_date:
-            fine = pa.duration("ns") if is_duration else pa.timestamp("ns", column.type.tz)
+            fine = pa.duration("ns") if is_duration else pa.timestamp("ns", getattr(column.type, "tz", None))
             column = column.cast(fine).cast(pa.int64())
         # Signed, so that a time that goes back becomes a negative step rather than a huge one.
         return (
@@ -162,7 +164,8 @@ class LogTable:
     def _check_date(self, name: str, column: Column, is_date: bool, unit: str) -> None:
         if is_date and unit != "datetime":
             raise LogError(
-                f"{self.path}: the time column '{name}' holds dates; say unit = 'datetime' instead of '{unit}'."
+                f"{self.path}: the time column '{name}' holds dates or durations; say unit = 'datetime' instead of "
+                f"'{unit}'."
             )
         if unit == "datetime" and not is_date:
             first = f", such as {str(column[0])!r}" if len(column) else ""

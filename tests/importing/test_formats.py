@@ -27,6 +27,7 @@ from nas_data.errors import LogError, MapError
 from nas_data.importing.formats import read_table
 from nas_data.importing.layout import LogLayout
 from nas_data.importing.map_file import load_map
+from nas_data.importing.table import LogTable
 from nas_data.recorders.logs import import_logs
 
 FORMATS = (".csv", ".parquet", ".npz", ".json")
@@ -304,7 +305,7 @@ def test_dates_are_times_only_where_the_map_says_so(tmp_path):
     pa.parquet.write_table(pa.table(columns | {"t": pa.array(dates)}), log)
     dated = sample_map(tmp_path, ".parquet", time='column = "t"\nunit = "datetime"')
     np.testing.assert_allclose(import_logs([log], dated).dataset.columns["nas.time"][:, 0], motion().time[:-1])
-    with pytest.raises(LogError, match="'t' holds dates; say unit = 'datetime' instead of 's'"):
+    with pytest.raises(LogError, match="'t' holds dates or durations; say unit = 'datetime' instead of 's'"):
         import_logs([log], sample_map(tmp_path, ".parquet"))
     text = write_log(tmp_path / "log.csv", columns_of(motion()))
     lines = text.read_text().splitlines()
@@ -479,6 +480,16 @@ def test_the_same_rows_are_read_however_other_programs_write_them(tmp_path):
     tensors |= {"q": tensors["q"].bfloat16(), "dq": tensors["dq"].to_sparse()}
     torch.save(tensors, tmp_path / "log.pt")
     check(".pt")
+
+
+def test_days_and_dates_as_categories_are_times():
+    texts = pa.array(["2025-12-31T23:59:59", "2026-01-01T00:00:00"]).dictionary_encode()
+    days = pa.array([20_453, 20_454], pa.date32())
+    table = LogTable(Path("log"), {"text": texts, "parts": pa.chunked_array([texts]), "day": days})
+    ticks = {name: table.ticks(name, "datetime") for name in table.columns}
+    assert {name: int(found[1] - found[0]) for name, found in ticks.items()} == {
+        "text": 10**9, "parts": 10**9, "day": 86_400 * 10**9,
+    }  # fmt: skip
 
 
 def test_a_date_may_have_a_decimal_comma_and_others_are_shown(tmp_path):
