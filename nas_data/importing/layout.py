@@ -36,6 +36,11 @@ class LogLayout:
     delimiter: str = ","
     decimal: str = "."
 
+    @property
+    def tables(self) -> tuple[str, Mapping[str, str]]:
+        """The map's key for where a quantity comes from, and its choices; none where a log is one file."""
+        return ("topic", self.topics) if self.topics else ("file", self.files or {})
+
 
 def parse_layout(top: MapSection, formats: tuple[str, ...]) -> LogLayout:
     """Take the keys of a log's layout.

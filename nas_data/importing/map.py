@@ -17,10 +17,11 @@ class LogColumns:
 
     Attributes:
         columns: One column (array, key) with a vector, or one column per joint.
-        table: The log's file, by its key in `[files]`; empty if a log is one file.
+        table: The log's file or topic, by its key in `[files]` or `[topics]`; empty if a log is one file.
         components: Which components of a vector column, in joint order; empty for all.
         constant: Whether the log holds the values once instead of in every row.
         names: Names of the components in the log, in joint order; empty if they are the joint names.
+        tables: The file or topic of each joint, where each has its own; else empty.
     """
 
     columns: tuple[str, ...]
@@ -28,6 +29,14 @@ class LogColumns:
     components: tuple[int, ...] = ()
     constant: bool = False
     names: tuple[str, ...] = ()
+    tables: tuple[str, ...] = ()
+
+    @property
+    def parts(self) -> "tuple[LogColumns, ...]":
+        """The source of each joint where each has a table of its own; else the source itself."""
+        if not self.tables:
+            return (self,)
+        return tuple(LogColumns((column,), table) for column, table in zip(self.columns, self.tables, strict=True))
 
 
 @dataclass(frozen=True)

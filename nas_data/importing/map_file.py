@@ -189,6 +189,9 @@ def _parse_source(section: MapSection, layout: LogLayout, width: int, may_be_con
     columns = section.texts("columns") if given == ["columns"] else (section.text(given[0]),)
     if given == ["columns"] and len(columns) != width:
         raise section.error(f"'columns' names {count_of(len(columns), 'column')}; {width} are needed, one a joint.")
+    tables = _parse_tables_of_joints(section, layout, width)
+    if tables and given != ["constant"]:
+        return LogColumns(columns * (width // len(columns)), tables[0], tables=tables)
     # A signal may belong to several joints, a state or command to one.
     if not may_be_constant:
         _refuse_twice(section, "columns", columns)
@@ -225,9 +228,24 @@ def _refuse_twice(section: MapSection, key: str, chosen: Sequence[str | int]) ->
         raise section.error(f"'{key}' names {twice[0]!r} twice; each joint has its own.")
 
 
+def _parse_tables_of_joints(section: MapSection, layout: LogLayout, width: int) -> tuple[str, ...]:
+    """Read the keys of the files or topics of which each holds one joint; empty where one key is given."""
+    key, tables = layout.tables
+    if not isinstance(section.values.get(key), list):
+        return ()
+    chosen = section.texts(key)
+    if len(chosen) != width:
+        raise section.error(f"'{key}' names {len(chosen)}; {width} are needed, one a joint.")
+    _refuse_twice(section, key, chosen)
+    unknown = next((one for one in chosen if one not in tables), None)
+    if unknown is not None:
+        raise section.error(f"'{key}' names '{unknown}'; choose among: {', '.join(tables)}.")
+    return chosen
+
+
 def _parse_table_name(section: MapSection, layout: LogLayout) -> str:
-    """Read the key of the log's file."""
-    key, tables = ("topic", layout.topics) if layout.topics else ("file", layout.files)
+    """Read the key of the log's file or topic."""
+    key, tables = layout.tables
     if not tables:
         return ""
     return section.text(key, next(iter(tables)) if len(tables) == 1 else None, choices=tuple(tables))

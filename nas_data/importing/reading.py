@@ -45,7 +45,9 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
     if not len(time):
         raise LogError(f"{reference.path} holds no rows; give a log with recorded rows.")
     partners = {
-        key: _join(time, times[key], tables[key], mapping) for key in tables if key != mapping.position.source.table
+        key: _join(time, times[key], tables[key], mapping, _choose_join(mapping, key))
+        for key in tables
+        if key != mapping.position.source.table
     }
     shared = slice(None)
     if partners:
@@ -53,12 +55,12 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
         shared = find_common_rows(matches, log, reference, mapping.layout.tolerance)
 
     def read(quantity: LogQuantity) -> np.ndarray:
-        table = tables[quantity.source.table]
-        values = _read_quantity(
-            table, _match_components(table, quantity, mapping.joints), len(times[quantity.source.table])
-        )
-        rows = partners.get(quantity.source.table)
-        return (values if rows is None else values[rows])[shared]
+        raw = []
+        for source in quantity.source.parts:
+            rows = partners.get(source.table)
+            values = _read_raw(tables[source.table], quantity, source, mapping.joints, len(times[source.table]))
+            raw.append((values if rows is None else values[rows])[shared])
+        return quantity.conversion.apply(decode(np.hstack(raw), quantity.encoding))
 
     whole = Recording(
         file=str(log),
@@ -129,12 +131,19 @@ def _read_tables(log: Path, mapping: Map) -> dict[str, LogTable]:
             raise LogError(f"{log} is a folder, but the map reads single {mapping.layout.format} files.")
         tables = read_tables(log, mapping.layout)
         named = {key for key, table in tables.items() if find_names_column(table, mapping)}
-        return {key: arrange(table, mapping, key, required=not named) for key, table in tables.items()}
+        return {key: arrange(table, _restrict(mapping, key), key, required=not named) for key, table in tables.items()}
     if not log.is_dir():
         raise LogError(f"{log} is no folder, but the map reads {', '.join(files.values())} out of one.")
     read = {key: read_table(log / name, mapping.layout) for key, name in files.items()}
     where = mapping.position.source.table
-    return {key: arrange(table, mapping, key, required=key == where) for key, table in read.items()}
+    return {key: arrange(table, _restrict(mapping, key), key, required=key == where) for key, table in read.items()}
+
+
+def _restrict(mapping: Map, table: str) -> Map:
+    """Return the map of the one joint that a table holds, where each joint has a table of its own; else the map."""
+    read = [mapping.position, mapping.velocity, mapping.command, *mapping.signals.values()]
+    tables = next((one.source.tables for one in read if one and table in one.source.tables), None)
+    return replace(mapping, joints=(mapping.joints[tables.index(table)],)) if tables else mapping
 
 
 def _read_times(tables: dict[str, LogTable], mapping: Map) -> dict[str, np.ndarray]:
@@ -174,7 +183,7 @@ def _refuse_other_clocks(tables: dict[str, LogTable], ticks: dict[str, np.ndarra
             )
 
 
-def _join(time: np.ndarray, given: np.ndarray, table: LogTable, mapping: Map) -> np.ndarray:
+def _join(time: np.ndarray, given: np.ndarray, table: LogTable, mapping: Map, method: str) -> np.ndarray:
     """Find the matching row of a table for each row of the log; the table's times must ascend."""
     if not len(given):
         raise LogError(f"{table.path} holds no rows; give a log with recorded rows.")
@@ -183,28 +192,59 @@ def _join(time: np.ndarray, given: np.ndarray, table: LogTable, mapping: Map) ->
         raise LogError(
             f"{table.path}: the time goes back or is no number in {table.name_rows(bad)}; sort or repair the file."
         )
-    return match_rows(time, given, mapping.layout.join, mapping.layout.tolerance)
+    return match_rows(time, given, method, mapping.layout.tolerance)
+
+
+def _choose_join(mapping: Map, table: str) -> str:
+    """Return how a table is joined: positions of the other joints are the nearest in time, all else as the map says."""
+    return "nearest" if table in mapping.position.source.tables else mapping.layout.join
 
 
 def _select_column(mapping: Map, table: str) -> str:
     """Return a column that the map reads from a table."""
-    read = [mapping.position, mapping.command, *mapping.signals.values()]
-    return next(quantity.source.columns[0] for quantity in read if quantity.source.table == table)
+    read = [mapping.position, mapping.velocity, mapping.command, *mapping.signals.values()]
+    parts = [part for quantity in read if quantity for part in quantity.source.parts]
+    return next(part.columns[0] for part in parts if part.table == table)
 
 
-def _match_components(table: LogTable, quantity: LogQuantity, joints: Sequence[str]) -> LogQuantity:
+def _read_raw(
+    table: LogTable, quantity: LogQuantity, source: LogColumns, joints: Sequence[str], count: int
+) -> np.ndarray:
+    """Read a quantity, or the part of it that a table holds, as it stands in the log, shape (N, n).
+
+    Args:
+        table: The file or topic.
+        quantity: The whole quantity.
+        source: It, or one of its parts, which then is of one joint.
+        joints: The map's joints.
+        count: How many times the table has (N).
+    """
+    width = 1 if quantity.source.tables else len(quantity.conversion.gain)
+    if width == len(joints):
+        source = _match_components(table, quantity, source, joints)
+    raw = _read_source(table, source, width, count)
+    if len(raw) != count:
+        raise LogError(
+            f"{table.path}: '{source.columns[0]}' has {count_of(len(raw), 'row')}, but its times are {count}; "
+            "they must be equally many."
+        )
+    if quantity.encoding:
+        _check_register(table, quantity.encoding, source, raw)
+    return raw
+
+
+def _match_components(table: LogTable, quantity: LogQuantity, source: LogColumns, joints: Sequence[str]) -> LogColumns:
     """Find the components of a quantity by name, if the log has component names.
 
     Raises:
         MapError: a joint is missing; the message lists the available names.
     """
-    source = quantity.source
     there = table.names.get(source.columns[0]) if len(source.columns) == 1 else None
-    if there is None or source.components or len(quantity.conversion.gain) != len(joints):
-        return quantity
+    if there is None or source.components:
+        return source
     suffixes = [SUFFIXES.get(kind) for kind in quantity.conversion.kinds]
     if None in suffixes and not source.names:
-        return quantity
+        return source
     ended = zip(joints, suffixes, strict=True)
     wanted = source.names or tuple(joint if joint in there else f"{joint}{suffix}" for joint, suffix in ended)
     missing = next((name for name in wanted if name not in there), None)
@@ -213,21 +253,7 @@ def _match_components(table: LogTable, quantity: LogQuantity, joints: Sequence[s
             f"{table.path}: '{source.columns[0]}' has no component '{missing}'; it has: {', '.join(there)}. "
             f"Name them in 'joints' of the map, or with names = […] in [read.{quantity.name}]."
         )
-    return replace(quantity, source=replace(source, components=tuple(there.index(name) for name in wanted)))
-
-
-def _read_quantity(table: LogTable, quantity: LogQuantity, count: int) -> np.ndarray:
-    """Read a quantity in SI, shape (N, n)."""
-    width = len(quantity.conversion.gain)
-    raw = _read_source(table, quantity.source, width, count)
-    if len(raw) != count:
-        raise LogError(
-            f"{table.path}: '{quantity.source.columns[0]}' has {count_of(len(raw), 'row')}, but its times are {count}; "
-            "they must be equally many."
-        )
-    if quantity.encoding:
-        _check_register(table, quantity, raw)
-    return quantity.conversion.apply(decode(raw, quantity.encoding))
+    return replace(source, components=tuple(there.index(name) for name in wanted))
 
 
 def _read_source(table: LogTable, source: LogColumns, width: int, count: int) -> np.ndarray:
@@ -263,15 +289,15 @@ def _read_source(table: LogTable, source: LogColumns, width: int, count: int) ->
     return raw
 
 
-def _check_register(table: LogTable, quantity: LogQuantity, raw: np.ndarray) -> None:
+def _check_register(table: LogTable, encoding: str, source: LogColumns, raw: np.ndarray) -> None:
     """Refuse counts that exceed the width of the register."""
-    wide = quantity.encoding.startswith("int")
-    bits = int(quantity.encoding.removeprefix("int").removeprefix("sign_magnitude_")) + (0 if wide else 1)
+    wide = encoding.startswith("int")
+    bits = int(encoding.removeprefix("int").removeprefix("sign_magnitude_")) + (0 if wide else 1)
     bad = np.flatnonzero(((raw < 0) | (raw >= 2**bits)).any(axis=1))
     if bad.size:
         raise LogError(
-            f"{table.path}: '{quantity.source.columns[0]}' in {table.name_rows(bad)} is not within 0 … {2**bits - 1}, "
-            f"so it is no {quantity.encoding} register read as unsigned; take 'encoding' out of the map."
+            f"{table.path}: '{source.columns[0]}' in {table.name_rows(bad)} is not within 0 … {2**bits - 1}, "
+            f"so it is no {encoding} register read as unsigned; take 'encoding' out of the map."
         )
 
 

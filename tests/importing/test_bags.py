@@ -199,3 +199,128 @@ def test_fields_that_some_messages_lack_are_named_by_row(tmp_path):
     write_messages(tmp_path / "bag.mcap", change_state=lambda message: without_some(message, "position"))
     with pytest.raises(LogError, match="'position' is empty in rows 2, "):
         import_bag(tmp_path)
+
+
+EACH = """
+format = "{format}"
+robot = "bagged"
+joints = ["shoulder", "elbow"]
+rate = 50.0
+alignment = "action_follows_state"
+velocity = "derive"
+[topics]
+shoulder = "/shoulder/state"
+elbow = "/elbow/state"
+shoulder_goal = "/shoulder/command"
+elbow_goal = "/elbow/command"
+[join]
+method = "previous"
+tolerance = 0.2
+[read.time]
+column = "log_time"
+unit = "ns"
+[read.position]
+topic = ["shoulder", "elbow"]
+column = "{position}"
+unit = "deg"
+[read.command]
+topic = ["shoulder_goal", "elbow_goal"]
+column = "data"
+unit = "deg"
+[read.command.joints.elbow]
+sign = -1
+"""
+
+
+def write_topics_of_joints(path, make_state):
+    """Two joints at 50 Hz, the elbow 1 ms ahead; goals at 20 and 10 Hz, the elbow's with the other sign."""
+    times = START + np.arange(200) * 20_000_000
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("any", "jsonschema", b"{}")
+        for index, joint in enumerate(("shoulder", "elbow")):
+            state = writer.register_channel(f"/{joint}/state", "json", schema)
+            goal = writer.register_channel(f"/{joint}/command", "json", schema)
+            for time in (times - index * 1_000_000).tolist():
+                content = make_state(joint, np.degrees(angle((time - START) / 1e9)[index]))
+                writer.add_message(state, log_time=time, data=json.dumps(content).encode(), publish_time=time)
+            for number in range(-1, 40):
+                time = START + 5_000_000 + number * (50_000_000, 100_000_000)[index]
+                data = json.dumps({"data": (number, -number)[index]}).encode()
+                writer.add_message(goal, log_time=time, data=data, publish_time=time)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_each_joint_may_have_topics_of_its_own(tmp_path, named):
+    def make_state(joint, value):
+        return {"name": ["other", joint], "position": [9.0, value]} if named else {"data": value}
+
+    log = write_topics_of_joints(tmp_path / "bag.mcap", make_state)
+    text = EACH.format(format="mcap", position="position" if named else "data")
+    dataset = import_logs([log], load_map(write_map(tmp_path, 'joint_names = "name"\n' * named + text))).dataset
+    time = dataset.columns["nas.time"][:, 0]
+    assert dataset.n_frames > 90
+    truth = np.column_stack([angle(time)[:, 0], angle(time - 1e-3)[:, 1]])
+    np.testing.assert_allclose(dataset.states[:, :2], truth, atol=1e-6)
+    last = np.floor(np.minimum(np.column_stack([(time - 0.005) / 0.05, (time - 0.005) / 0.1]), 39) + 1e-6)
+    np.testing.assert_allclose(np.degrees(dataset.commands), last, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("given", "instead", "sentence"),
+    [
+        ('["shoulder", "elbow"]\ncolumn', '["shoulder"]\ncolumn', "'topic' names 1; 2 are needed"),
+        ('["shoulder", "elbow"]\ncolumn', '["shoulder", "shoulder"]\ncolumn', "'topic' names 'shoulder' twice"),
+        (
+            '["shoulder", "elbow"]\ncolumn',
+            '["shoulder", "knee"]\ncolumn',
+            "'topic' names 'knee'; choose among: shoulder",
+        ),
+    ],
+)
+def test_topics_of_joints_that_do_not_fit_are_refused(tmp_path, given, instead, sentence):
+    text = EACH.format(format="mcap", position="data")
+    with pytest.raises(MapError, match=sentence):
+        load_map(write_map(tmp_path, text.replace(given, instead)))
+
+
+def test_each_joint_may_have_a_file_of_its_own(tmp_path):
+    take = tmp_path / "take"
+    take.mkdir()
+    time = np.arange(100) / 50
+    for index, joint in enumerate(("shoulder", "elbow")):
+        rows = np.column_stack([time, angle(time)[:, index], angle(time + 0.1)[:, index]])
+        np.savetxt(take / f"{joint}.csv", rows, delimiter=",", header="t,q,goal", comments="")
+    (tmp_path / "map.toml").write_text(
+        """
+format = "csv"
+robot = "files"
+joints = ["shoulder", "elbow"]
+rate = 50.0
+alignment = "action_follows_state"
+velocity = "derive"
+[files]
+first = "shoulder.csv"
+second = "elbow.csv"
+[join]
+method = "nearest"
+tolerance = 0.001
+[read.time]
+column = "t"
+unit = "s"
+[read.position]
+file = ["first", "second"]
+column = "q"
+unit = "rad"
+[read.command]
+file = ["first", "second"]
+columns = ["goal", "goal"]
+unit = "rad"
+"""
+    )
+    dataset = import_logs([take], load_map(tmp_path / "map.toml")).dataset
+    np.testing.assert_allclose(dataset.states[:, :2], angle(time[:99]), atol=1e-6)
+    np.testing.assert_allclose(dataset.commands, angle(time[:99] + 0.1), atol=1e-6)
