@@ -45,13 +45,15 @@ class ImportRequest:
     model: str | None = None
     rate: float | None = None
     uniform: bool = False
+    unwrap: bool = False
     cut: float | None = None
     progress: Progress = silence
 
     @property
     def said(self) -> ImportOptions:
-        """What is said of LeRobot datasets beside a map."""
-        return ImportOptions(self.unit, self.calibration, self.rate, self.uniform)
+        """What is said of LeRobot datasets beside a map; positions that are unwrapped without one are radians."""
+        radians = self.unwrap and self.map is None and self.calibration is None
+        return ImportOptions(self.unit or ("rad" if radians else None), self.calibration, self.rate, self.uniform)
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,7 @@ def import_logs(
     model: str | Path | None = None,
     rate: float | None = None,
     uniform: bool = False,
+    unwrap: bool = False,
     cut: float | None = None,
     progress: Progress | None = None,
 ) -> Dataset:
@@ -95,6 +98,7 @@ def import_logs(
         model: A model of the robot, which sign and zero of each joint are checked against.
         rate: Rows a second [Hz] of a LeRobot dataset, in place of its own.
         uniform: Take the rows of a LeRobot dataset as evenly spaced, whatever its time stamps say.
+        unwrap: Joints go on where their encoders begin anew after a whole turn.
         cut: Cut episodes into stretches of so many seconds.
         progress: Told which log is read.
 
@@ -113,6 +117,7 @@ def import_logs(
         model=None if model is None else str(model),
         rate=rate,
         uniform=uniform,
+        unwrap=unwrap,
         cut=cut,
         progress=progress or silence,
     )
@@ -132,7 +137,7 @@ def read_logs(request: ImportRequest) -> Imported:
         dataset, provenance, findings = import_dataset(request.logs[0], request.said)
         result = Import(dataset, provenance, subtasks([resolve(request.logs[0])]), findings)
     else:
-        name, result = mapping.robot, import_by_map(request.logs, mapping, request.progress)
+        name, result = mapping.robot, import_by_map(request.logs, mapping, request.progress, request.unwrap)
         if request.calibration is not None:
             kept = {CALIBRATION_ATTACHMENT: request.calibration.read_bytes()}
             result = replace(result, attachments={**result.attachments, **kept})

@@ -50,6 +50,8 @@ class ImportLogs(Command):
     """Rows a second [Hz] of a LeRobot dataset, in place of its own fps."""
     uniform: bool = False
     """Take the rows of a LeRobot dataset as evenly spaced, whatever its time stamps say."""
+    unwrap: bool = False
+    """Let joints go on where their encoders begin anew after a whole turn, such as from 180° to −180°."""
     cut: float | None = None
     """Cut episodes into stretches of so many seconds, such as 3."""
     name: str | None = None
@@ -71,6 +73,7 @@ class ImportLogs(Command):
             model=self.model,
             rate=self.rate,
             uniform=self.uniform,
+            unwrap=self.unwrap,
             cut=self.cut,
             progress=RateLimited(lambda what: say(f"reading {what}"), first=PAUSE),
         )

@@ -37,6 +37,7 @@ from nas_data.importing.formats import find_format, is_folder_log
 from nas_data.importing.map import Map
 from nas_data.importing.reading import MIN_ROWS, SUFFIXES, read_log
 from nas_data.importing.resampling import resample
+from nas_data.importing.unwrapping import unwrap as unwrap_turns
 from nas_data.joint_units import convert_hinge_unit
 from nas_data.visible_files import list_visible_files
 
@@ -62,13 +63,19 @@ class Import:
     findings: tuple[AuditFinding, ...]
 
 
-def import_logs(paths: Sequence[Path], mapping: Map, progress: Callable[[str], None] = lambda _: None) -> Import:
+def import_logs(
+    paths: Sequence[Path],
+    mapping: Map,
+    progress: Callable[[str], None] = lambda _: None,
+    unwrap: bool = False,
+) -> Import:
     """Import logs as a dataset.
 
     Args:
         paths: Logs, or folders of logs.
         mapping: Map from a log to joints, commands and signals.
         progress: Called with the number and name of each log before it is read.
+        unwrap: Whether joints go on where their encoders begin anew after a whole turn.
 
     Raises:
         LogError: a log cannot be read, or an audit reports an error.
@@ -79,7 +86,8 @@ def import_logs(paths: Sequence[Path], mapping: Map, progress: Callable[[str], N
     logs = find_logs(paths, mapping)
     for number, log in enumerate(logs, start=1):
         progress(f"{number}/{len(logs)} {log.name}")
-        for recording in read_log(log, mapping):
+        for recorded in read_log(log, mapping):
+            recording = _unwrap(recorded, mapping) if unwrap else recorded
             findings += audit(recording, mapping)
             recordings.append(recording)
     raise_audit_errors(findings)
@@ -95,6 +103,13 @@ def import_logs(paths: Sequence[Path], mapping: Map, progress: Callable[[str], N
         attachments={MAP_ATTACHMENT: mapping.text.encode(), **kept},
         findings=tuple(findings),
     )
+
+
+def _unwrap(recording: Recording, mapping: Map) -> Recording:
+    """Take out the whole turns at which encoders begin anew."""
+    kinds = dict(zip(mapping.joints, mapping.command.conversion.kinds, strict=True))
+    commanded = {joint for joint, kind in kinds.items() if kind == "position"}
+    return unwrap_turns(recording, set(mapping.joints) - mapping.slides, commanded)
 
 
 def find_logs(paths: Sequence[Path], mapping: Map) -> list[Path]:

@@ -270,7 +270,7 @@ def test_wraps_and_frozen_readings_are_reported(here, capsys):
     write_lerobot(here / "d", episodes)
     imported("d")
     out = capsys.readouterr().out
-    assert "encoder's wrap" in out and "the reading of j2 stands still" in out
+    assert "import with --unwrap" in out and "the reading of j2 stands still" in out
     assert main(["pair", "d", "--model", "arm.xml", "--out", "p"]) == 0
     assert "j1 reaches" in capsys.readouterr().err
 

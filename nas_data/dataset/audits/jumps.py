@@ -10,6 +10,11 @@ FASTEST = 50.0  # [rad/s] that no usual hinge reaches; a slide is not over with 
 WHOLE_TURN = 2 * np.pi  # [rad]
 
 
+def find_whole_turns(moves: np.ndarray) -> np.ndarray:
+    """Return which steps of a hinge's position [rad] are a whole turn to within a tenth, a mask of the same shape."""
+    return np.abs(np.abs(moves) - WHOLE_TURN) < 0.1 * WHOLE_TURN
+
+
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Report rows that a joint could only reach faster than the map's `max_speed`."""
     # Rows of one time are judged by the nominal period; the timing audit has reported them.
@@ -28,9 +33,9 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     for index, joint in enumerate(recording.joints):
         rows = list_row_numbers(recording.rows, fast[:, index])
         if rows:
-            wraps = (np.abs(np.abs(moves[:, index]) - WHOLE_TURN) < 0.1 * WHOLE_TURN) & (joint not in expected.slides)
+            wraps = joint not in expected.slides and find_whole_turns(moves[:, index]).any()
             unit = convert_hinge_unit("rad/s", joint in expected.slides)
-            hint = "jumps of a whole turn are an encoder's wrap: unwrap it first" if wraps.any() else ""
+            hint = "jumps of a whole turn are an encoder that begins anew: import with --unwrap" if wraps else ""
             what = (
                 f"{joint} reaches {speeds[:, index].max():.4g} {unit} in {recording.name_rows(rows)}, "
                 f"more than {limits[index]:.4g} {unit}"

@@ -1,0 +1,59 @@
+"""Encoders that begin anew after a whole turn: found by the audit, whose remedy makes the joint go on."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.import_samples import columns_of, map_text, motion, write_log, write_map
+from support.lerobot_samples import enter_with_arm, motions, write_lerobot
+
+from nas_data.cli import main
+from nas_data.dataset.read import read
+
+TURN = 2 * np.pi
+
+
+def wrap(angles):
+    return (angles + np.pi) % TURN - np.pi
+
+
+@pytest.mark.parametrize("commands", [wrap, lambda angles: angles], ids=["wrapped commands", "commands that go on"])
+def test_a_joint_goes_on_where_its_encoder_begins_anew(tmp_path, monkeypatch, capsys, commands):
+    monkeypatch.chdir(tmp_path)
+    columns = columns_of(motion())
+    shift = np.array([3.0, 0.0])  # the shoulder passes half a turn
+    truth = columns["q"] + shift, columns["goal"] + shift
+    assert truth[0].max() > np.pi
+    write_log(Path("log.npz"), columns | {"q": wrap(truth[0]), "goal": commands(truth[1])})
+    write_map(tmp_path, map_text(velocity='"derive"'))
+    assert main(["import", "log.npz", "--map", "map.toml", "--out", "jumps"]) == 0
+    assert "import with --unwrap" in capsys.readouterr().out
+    assert main(["import", "log.npz", "--map", "map.toml", "--unwrap", "--out", "goes_on"]) == 0
+    assert "The audits found nothing." in capsys.readouterr().out
+    dataset = read(Path("goes_on"))
+    turns = np.round((dataset.states[0, :2] - truth[0][0]) / TURN) * TURN  # where the encoder began
+    np.testing.assert_allclose(dataset.states[:, :2], truth[0][:-1] + turns, atol=1e-6)
+    np.testing.assert_allclose(dataset.commands, truth[1][:-1] + turns, atol=1e-6)
+    assert abs(dataset.states[:, 2:]).max() < 10  # [rad/s]
+
+
+def test_a_joint_that_does_not_turn_over_keeps_commands_of_more_than_half_a_turn(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    columns = columns_of(motion())
+    columns["goal"] = columns["goal"] + np.where(np.arange(len(columns["q"])) % 40 < 20, 0.0, 4.0)[:, None]
+    write_log(Path("log.npz"), columns)
+    write_map(tmp_path)
+    assert main(["import", "log.npz", "--map", "map.toml", "--unwrap", "--out", "same"]) == 0
+    np.testing.assert_allclose(read(Path("same")).commands, columns["goal"][:-1], atol=1e-6)
+
+
+def test_a_lerobot_dataset_in_radians_is_unwrapped_without_a_map(tmp_path, monkeypatch):
+    pytest.importorskip("lerobot")
+    enter_with_arm(tmp_path, monkeypatch)
+    true = [(states + 3.0, commands + 3.0) for states, commands in motions()]
+    write_lerobot(Path("rec"), [(wrap(states), wrap(commands)) for states, commands in true])
+    assert main(["import", "rec", "--unwrap", "--out", "goes_on"]) == 0
+    dataset = read(Path("goes_on"))
+    for (states, _), frames in zip(true, dataset.episodes(), strict=True):
+        found = dataset.states[frames, :2]
+        np.testing.assert_allclose(found - found[0], (states - states[0])[:-1], atol=1e-5)
