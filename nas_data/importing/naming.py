@@ -43,7 +43,7 @@ def arrange(table: LogTable, mapping: Map, key: str, required: bool) -> LogTable
     if isinstance(rows, tuple):
         _compare(table, mapping, rows)
         return table
-    return _rearrange_vectors(table, mapping, rows)
+    return _rearrange_vectors(table, mapping, key, rows)
 
 
 def find_names_column(table: LogTable, mapping: Map) -> str | None:
@@ -97,7 +97,7 @@ def _compare(table: LogTable, mapping: Map, found: Sequence[str]) -> None:
     )
 
 
-def _rearrange_vectors(table: LogTable, mapping: Map, rows: list[tuple[str, ...]]) -> LogTable:
+def _rearrange_vectors(table: LogTable, mapping: Map, key: str, rows: list[tuple[str, ...]]) -> LogTable:
     """Reorder vectors with one number per name to the map's joint order."""
     kinds = {names: _find_indices(names, mapping.joints) for names in dict.fromkeys(rows)}
     kept = np.array([kinds[names] is not None for names in rows])
@@ -110,15 +110,18 @@ def _rearrange_vectors(table: LogTable, mapping: Map, rows: list[tuple[str, ...]
     if partial is not None:
         missing = next(joint for joint in mapping.joints if joint not in rows[partial])
         there = ", ".join(rows[partial][:SHOWN])
+        remedy = "write its rows together with the others'"
+        if mapping.layout.topics:
+            remedy = f"name {mapping.layout.topics[key]} once for each joint in [topics], and say topic = [one a joint]"
         raise LogError(
             f"{table.path}: {table.name_rows([partial])} lacks the joint '{missing}'; it has {there}. A row names all "
-            "joints of the map or none: take it out of 'joints', or write its rows together with the others'."
+            f"joints of the map or none: take it out of 'joints', or {remedy}."
         )
     places = np.array([kinds[names] for names, keep in zip(rows, kept, strict=True) if keep])
     widths = [len(names) for names, keep in zip(rows, kept, strict=True) if keep]
     columns: dict[str, Column] = {}
-    for key, column in table.columns.items():
-        columns[key] = _rearrange_column(column, kept, places, widths)
+    for name, column in table.columns.items():
+        columns[name] = _rearrange_column(column, kept, places, widths)
     return replace(table, columns=columns, rows=np.flatnonzero(kept))
 
 

@@ -324,3 +324,24 @@ unit = "rad"
     dataset = import_logs([take], load_map(tmp_path / "map.toml")).dataset
     np.testing.assert_allclose(dataset.states[:, :2], angle(time[:99]), atol=1e-6)
     np.testing.assert_allclose(dataset.commands, angle(time[:99] + 0.1), atol=1e-6)
+
+
+def test_publishers_that_share_a_topic_are_told_apart_by_the_names_in_their_messages(tmp_path):
+    write_messages(tmp_path / "bag.mcap", change_command=lambda message: {"data": [*message["data"], 0.0]})
+
+    def add_gripper(text):
+        return text.replace('"elbow"]', '"elbow", "gripper"]').replace("tolerance = 0.06", "tolerance = 0.11")
+
+    with pytest.raises(LogError, match=r"say topic = \[one a joint\]"):
+        import_bag(tmp_path, add_gripper)
+
+    def apart(text):
+        once = "".join(f'{joint} = "/joint_states"\n' for joint in ("shoulder", "elbow", "gripper"))
+        listed = '["shoulder", "elbow", "gripper"]'
+        text = add_gripper(text).replace('state = "/joint_states"\n', once)
+        return text.replace('topic = "state"', f"topic = {listed}")
+
+    dataset = import_bag(tmp_path, apart)
+    time = dataset.columns["nas.time"][:, 0]
+    assert dataset.joints == ("shoulder", "elbow", "gripper")
+    np.testing.assert_allclose(dataset.states[:, :3], np.column_stack([angle(time), 0 * time]), atol=1e-6)
