@@ -1,7 +1,7 @@
-"""Your own arm: from a CSV log and a model to a report that names what the model lacks.
+"""Your own arm: make a report that names what the model lacks from a CSV log and an MJCF model.
 
-Run it as it is, on the log and the model beside it, or on yours: own_arm_from_csv.py LOG.csv MODEL.xml
-The columns of the log are episode, then <joint> and <joint>_goal in degrees, a row each fiftieth of a second.
+Without arguments it uses the log and the model in its folder. For yours: own_arm_from_csv.py LOG.csv MODEL.xml
+The log has the columns episode, <joint> and <joint>_goal (the command), in degrees, at 50 rows per second.
 """
 
 import sys

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 import tyro
 from pages import HERE, markdown_table, render, write_page
 
-GIVEN = {"0.03", "0.2", "0.088", "0.29", "1.4", "0.5", "1.1", "2.5", "1.3", "0.6", "1.5"}  # of the cases drawn
+GIVEN = {"0.03", "0.2", "0.088", "0.29", "1.4", "0.5", "1.1", "2.5", "1.3", "0.6", "1.5", "0.8"}  # of cases, `SURE`
 FAMILIES = {
     "one": "one effect",
     "two": "two effects",
@@ -57,7 +57,7 @@ class Blind:
         """Return the table of a seed's families."""
         by_family = {family: self._of(seed, setting, family) for family in FAMILIES}
         heads = ["family", "cases", "exactly right", "wrong with confidence ≥ 0.8"]
-        heads += ["rest of right ones on fresh episodes, median [noise floors]", "least, median", "median time [s]"]
+        heads += ["rest on new episodes if right, median", "rest with the true effects, median", "median time [s]"]
         return markdown_table(heads, [tell_family(family, own) for family, own in by_family.items() if own])
 
     def found(self, seed: int, setting: str) -> str:
@@ -69,19 +69,19 @@ class Blind:
         said = [(entry["confidence"], entry["right"]) for case in cases for entry in case["confidences"]]
         lines = [
             f"- **Parameters** of right names: median error {100 * np.median(errors):.1f} %, largest "
-            f"{100 * max(errors):.0f} %; the 95 % intervals held the truth in {sum(held)} of {len(held)}."
+            f"{100 * max(errors):.0f} %; {sum(held)} of {len(held)} 95 % intervals contain the true value."
         ]
         parts = []
         for low, high, words in ((0.8, 2.0, "at 0.8 or more"), (0.5, 0.8, "from 0.5 to 0.8"), (0.0, 0.5, "below 0.5")):
             inside = [right for confidence, right in said if low <= confidence < high]
             parts.append(f"{sum(inside)} of {len(inside)} {words}")
-        return "\n".join([*lines, f"- **Confidence**: findings that are right: {', '.join(parts)}."])
+        return "\n".join([*lines, f"- **Confidence**: right names: {', '.join(parts)}."])
 
     def failures(self, seeds: Sequence[int], setting: str) -> str:
         """Return the table of cases inside the catalogue that are not right."""
         cases = [case for seed in seeds for case in self._of(seed, setting)]
         wrong = [case for case in cases if not case["exact"] and find_family(case) != "outside"]
-        return markdown_table(["not right", "hidden (floors)", "named (confidence)"], map(tell_failure, wrong))
+        return markdown_table(["case", "hidden (size)", "named (confidence)"], map(tell_failure, wrong))
 
     def runs(self, setting: str, seeds: Sequence[int]) -> str:
         """Return the table of several seeds: how many of each family are exactly right, and how sure it was."""
@@ -96,7 +96,7 @@ class Blind:
             commit, held_of = f"`{cases[0]['commit']}`", f"{sum(held)} of {len(held)}"
             rows.append([str(seed), commit, *cells, sure, off, held_of])
         heads = ["seed", "commit", *FAMILIES.values(), "wrong with confidence ≥ 0.8"]
-        return markdown_table([*heads, "parameters off by, median", "intervals that hold"], rows)
+        return markdown_table([*heads, "error of parameters, median", "intervals with the true value"], rows)
 
     def methods(self, seed: int, setting: str) -> str:
         """Return the table of the other methods on the cases that they were given, `nas gap` beside them."""
@@ -109,7 +109,7 @@ class Blind:
                     answers.setdefault(answer["method"], []).append(answer)
             rows += [tell_method(label, name, given) for name, given in answers.items() if given]
         return markdown_table(
-            ["hidden", "method", "cases", "exactly right", "sure and wrong", "rest", "time [s]"], rows
+            ["hidden", "method", "cases", "exactly right", "wrong with confidence ≥ 0.8", "rest", "time [s]"], rows
         )
 
 
@@ -141,7 +141,7 @@ def tell_family(family: str, cases: Sequence[Case]) -> list[str]:
     if family == "outside":
         named = sum(bool(case["unexplained_joint_named"]) for case in cases)
         explained = sum(case["verdict"] == "explained" for case in cases)
-        words = f"({explained or 'none'} `explained`, the joint among the unexplained in {named})"
+        words = f"(`explained`: {explained or 'none'}; right joint listed as unexplained: {named})"
         return [FAMILIES[family], str(len(cases)), f"named nothing in {len(right)}", sure, words, "", time]
     counts = [FAMILIES[family], str(len(cases)), str(len(right)), sure]
     return [*counts, tell_median(list_rests(right)), tell_median(least), time]

@@ -263,7 +263,7 @@ class Experiments:
         """Return how fast the environment with φ is beside others."""
         compared = {
             "augmented_vs_plain_16": ("stable-baselines3's DummyVecEnv without φ", 2, "0.9"),
-            "augmented_vs_naive_16": ("a torch network in each of them", 1, "5"),
+            "augmented_vs_naive_16": ("16 environments with a torch network each", 1, "5"),
             "augmented_vs_batched_16": ("our batched environment without φ", 2, "0.8"),
             "augmented_vs_plain_64": ("DummyVecEnv without φ, both of 64 environments", 2, "1"),
         }
@@ -273,7 +273,7 @@ class Experiments:
             low, high = _ends(values)
             rows.append([label, f"{np.median(values):.{digits}f}, {low:.{digits}f} … {high:.{digits}f}", bar])
         return markdown_table(
-            ["with φ, 16 environments, compared with", "median of the turns, extremes", "at least"], rows
+            ["16 environments with φ, compared with", "ratio: median, smallest … largest", "goal: at least"], rows
         )
 
 
