@@ -49,8 +49,7 @@ def draw_film(model: Path, report: GapReport, series: Series) -> ShortFilm:
     body = MujocoSimulator(find_robot(model), series.period, series.joints, threads=1)
     last = AFTER if report.effects else RETUNED
     ghosts = []
-    # this order gives the colours of the charts
-    for name, positions in ((MEASURED, series.measured), (last, series.after), (BEFORE, series.before)):
+    for name, positions in ((MEASURED, series.measured), (BEFORE, series.before), (last, series.after)):
         errors = np.square(positions[episode, rows] - series.measured[episode, rows])
         states = np.concatenate([positions[episode, rows], np.zeros_like(positions[episode, rows])], axis=1)
         each = np.stack([np.sqrt(errors[:, chosen].mean(axis=1)) for chosen in places], axis=1)

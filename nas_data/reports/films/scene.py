@@ -12,8 +12,8 @@ from nas_data.mjcf.engine_warnings import collect_warnings
 from nas_data.mjcf.export import find_file, find_references
 from nas_data.reports.films.motion import Ghost, Motion
 
-# measured grey, then the models: vermilion, blue, green, purple of Okabe and Ito, told apart by the colour-blind
-COLOURS = ((0.42, 0.42, 0.45), (0.84, 0.37, 0.0), (0.0, 0.45, 0.7), (0.0, 0.62, 0.45), (0.8, 0.47, 0.65))
+# measured grey, then the models as in the charts: blue, orange, green, purple of Okabe and Ito's palette
+COLOURS = ((0.42, 0.42, 0.45), (0.0, 0.45, 0.7), (0.9, 0.62, 0.0), (0.0, 0.62, 0.45), (0.8, 0.47, 0.65))
 TRANSPARENCY = 0.55  # alpha of the models; the measured arm is solid
 GROUND = (0.93, 0.93, 0.94, 1.0)  # colour of planes
 HIDDEN_GROUPS = 3  # geom group from which MuJoCo shows none by default: shapes that only collide, by convention
