@@ -1,4 +1,4 @@
-"""Result of a benchmark: every side timed once a round, so that other load affects all; ratios, and the hardware."""
+"""Result of a benchmark: times of each side, their ratios, and the hardware."""
 
 import os
 import platform
@@ -61,10 +61,10 @@ class Times:
 
 
 def take_turns(sides: Mapping[str, Work], rounds: int) -> dict[str, Times]:
-    """Time several ways of the same work.
+    """Time several implementations of the same work.
 
-    Each side runs once beforehand without timing, for imports, caches and compilers. The order is reversed after each
-    round.
+    Each side runs once untimed, for imports, caches and compilers. Sides then alternate, in reversed order after each
+    round, so that other load affects all of them.
 
     Args:
         sides: Name of a side → its work, which returns the number of frames.

@@ -1,4 +1,4 @@
-"""Cross products and rotations of whole batches, faster for small arrays than NumPy's general ones."""
+"""Cross products and rotations of batches, faster for small arrays than NumPy's general functions."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def clip_symmetric(values: np.ndarray, limit: np.ndarray | float) -> np.ndarray:
-    """Return values within ± a limit; `np.clip` takes four times as long for few of them."""
+    """Clip values to ± a limit; `np.clip` takes four times as long for small arrays."""
     return np.asarray(np.minimum(np.maximum(values, -limit), limit))
 
 
