@@ -65,7 +65,7 @@ class IncrementalWriter:
         """Save episodes atomically and flush them to the disk.
 
         Args:
-            episodes: A dataset of at least one episode, of the same features and the same task each time.
+            episodes: At least one episode; features and task are equal in all calls.
             provenance: Origin of the episodes.
             attachments: Extra files by path, stored with the first episodes.
         """

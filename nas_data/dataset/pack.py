@@ -170,7 +170,7 @@ def _add(archive: tarfile.TarFile, name: str, content: bytes) -> None:
 
 
 def is_plain(name: str) -> bool:
-    """Whether a path stays inside the folder that it is put into, on every system."""
+    """Whether a path stays inside the target folder, on every system."""
     return len(name) <= LONGEST_PATH and all(
         part and part[0] != "." and part.isprintable() and not set(part) & set('\\:*?"<>|') and len(part.encode()) < 256
         for part in name.split("/")

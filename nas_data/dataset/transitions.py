@@ -68,7 +68,7 @@ def as_transitions(dataset: Dataset) -> tuple[Dataset, dict[str, str]]:
 
 
 def estimate_velocities(positions: np.ndarray, fps: float) -> np.ndarray:
-    """Estimate velocities as the module's documentation says.
+    """Estimate velocities by the method in the module's docstring.
 
     Args:
         positions: Positions of one episode at evenly spaced times [rad], shape (T, n).
@@ -99,7 +99,7 @@ def _find_feature(dataset: Dataset, key: str) -> Feature:
 def _arrange(
     dataset: Dataset, key: str, components: Components, joints: tuple[str, ...], slides: Collection[str]
 ) -> Dataset:
-    """Rename and reorder the components of a feature as the contract says; a state may have positions only."""
+    """Rename and reorder the components of a feature to the contract's; a state may have positions only."""
     groups: list[Mapping[str, int]]
     if key == ACTION:
         commanded = components.commanded()

@@ -152,7 +152,7 @@ class _Digest(io.RawIOBase):
 
 
 def _settle(hidden: Path, home: Path, manifest: Manifest) -> Path:
-    """Make the unpacked folder a version; it keeps its number if that is free, so that derived datasets find it."""
+    """Make the unpacked folder a version; it keeps its number if free, so that derived datasets find it."""
     for path in list_versions(home):
         # A dataset without provenance stores no content hash; it is computed from the rows.
         same_name = path.name.endswith(manifest.content_hash[:8])
@@ -162,7 +162,7 @@ def _settle(hidden: Path, home: Path, manifest: Manifest) -> Path:
 
 
 def _is_same(path: Path, manifest: Manifest) -> bool:
-    """Whether a dataset has a pack's rows; its files too if it has features that the content hash leaves out."""
+    """Whether a dataset has the rows of a pack, and the same files if it has pass-through features."""
     try:
         carries = DatasetInfo.read(path).other_features
         return hash_content(read(path)) == manifest.content_hash and (not carries or hash_files(path) == manifest.files)
