@@ -19,7 +19,7 @@ from nas_data.joint_units import convert_hinge_unit
 from nas_data.typed_json import from_json
 
 ROUNDING = 1e-9  # relative difference up to which values are equal
-RELATIVE_TOLERANCE = 1e-3  # relative difference up to which a report's value is that of an effects.json
+RELATIVE_TOLERANCE = 1e-3  # relative difference up to which a rounded value of a report equals that of an effects.json
 UNITS = {
     "gain": "N·m/rad",
     "servo_damping": "N·m·s/rad",
