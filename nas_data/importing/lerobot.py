@@ -175,7 +175,7 @@ def import_dataset(path: Path, options: ImportOptions) -> tuple[Dataset, Provena
     """Read a dataset in SI units as transitions; episodes are divided at gaps in its clock.
 
     Args:
-        path: Its folder.
+        path: Folder of the dataset.
         options: Options on rate and clock.
 
     Raises:

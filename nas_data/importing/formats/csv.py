@@ -14,7 +14,7 @@ from nas_data.importing.layout import LogLayout
 from nas_data.importing.table import LogTable, refuse_twice
 
 SUFFIXES = (".csv", ".tsv", ".txt")
-DELIMITERS = {",": "','", ";": "';'", "\t": "'\\t'"}  # as they are written in a map
+DELIMITERS = {",": "','", ";": "';'", "\t": "'\\t'"}  # as written in a map
 NOT_UTF_8 = "cannot be read as csv: it is not in UTF-8; save it in that encoding."
 UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
@@ -62,7 +62,7 @@ def _check_start(path: Path, delimiter: str) -> None:
 
 
 def _refuse_ragged(path: Path, delimiter: str) -> None:
-    """Find the row for which parsing failed.
+    """Find the row that could not be parsed.
 
     Raises:
         LogError: names the line and its number of cells.
@@ -73,7 +73,7 @@ def _refuse_ragged(path: Path, delimiter: str) -> None:
         bad.append(row)
         return "skip"
 
-    # Line numbers are only known to a reader with one thread.
+    # only a single-threaded reader knows line numbers
     parsing = csv.ParseOptions(delimiter=delimiter, invalid_row_handler=keep)
     with suppress(pa.ArrowInvalid):
         csv.read_csv(path, read_options=csv.ReadOptions(use_threads=False), parse_options=parsing)
