@@ -47,7 +47,7 @@ def describe_transmission(model: mujoco.MjModel, actuator: int) -> str | None:
 
 
 def list_indirect_actuators(spec: mujoco.MjSpec) -> list[str]:
-    """Return a phrase for each actuator with a control that acts through something else than a joint."""
+    """Return a phrase for each actuator with control that does not act on a joint directly."""
     found = []
     for actuator in spec.actuators:
         known = actuator.ctrlspec == int(mujoco.mjtCtrlInput.mjINPUT_NONE) or find_driven_joint(spec, actuator)
