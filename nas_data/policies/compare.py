@@ -66,7 +66,7 @@ class Run:
     dataset: str | None = None
 
     def question(self) -> dict[str, object]:
-        """Return what determines the result; runs with equal identities are the same."""
+        """Return everything that determines the result; runs with equal values are the same."""
         training, rollout = self.training, self.training.hyperparameters.rollout
         return {
             "method": self.method,
@@ -179,7 +179,7 @@ class Comparison:
         return np.array([getattr(self.results[method, seed].score, name) for seed in self.study.seeds], float)
 
     def diverged(self, method: str, when: str) -> np.ndarray:
-        """Return the number of diverged episodes of each seed while `learning` or `judging`, shape (seeds,)."""
+        """Return each seed's diverged episodes in training (`learning`) or evaluation (`judging`), shape (seeds,)."""
         return np.array([getattr(self.results[method, seed].diverged, when) for seed in self.study.seeds])
 
     def lost(self) -> list[str]:

@@ -27,7 +27,7 @@ class ArmAttempt(ArmEpisode):
 
 @dataclass
 class RolloutTally(RecordingStats):
-    """Counts over all sittings of rollouts."""
+    """Counts over all sessions of rollouts."""
 
     steps: int = 0  # commands
     late: int = 0  # late readings after a command, including the missed ones
@@ -133,7 +133,7 @@ class RobotStepper:
         return self._body.site_positions(name)
 
     def take_bouts(self) -> list[ArmAttempt]:
-        """End the present bout, and return all bouts since the last call."""
+        """End the present attempt, and return all attempts since the last call."""
         self._end_bout()
         bouts, self._bouts = self._bouts, []
         retries = sum(motion.arm.retries for motion in self._arms)
@@ -142,11 +142,11 @@ class RobotStepper:
         return bouts
 
     def extend_deadline(self, seconds: float) -> None:
-        """Tell the guards until when the next word comes [s from now]; raises as `ArmMotion.extend_deadline` does."""
+        """Tell the watchdogs that the next message comes within a time [s]; raises like `ArmMotion.extend_deadline`."""
         self._attacker.extend_deadline(seconds)
 
     def _end_bout(self) -> None:
-        """Append the readings and commands since the last reset to the bouts."""
+        """Append the readings and commands since the last reset to the attempts."""
         bout, self._bout = self._bout, ArmAttempt()
         if bout.commands:
             self.tally.late += int(bout.late(self._attacker.period)[1:].sum())
