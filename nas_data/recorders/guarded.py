@@ -49,7 +49,7 @@ class GuardedArm:
         Args:
             setup: The arm.
             clock: Clock of the control loop.
-            patience: Longest time between two readings that is still normal operation [s].
+            patience: Longest normal time between two readings [s].
 
         Raises:
             ArmError: the port cannot be opened.

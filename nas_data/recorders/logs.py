@@ -75,7 +75,7 @@ def import_logs(
         paths: Logs, or folders of logs.
         mapping: Map from a log to joints, commands and signals.
         progress: Called with the number and name of each log before it is read.
-        unwrap: Whether joints go on where their encoders begin anew after a whole turn.
+        unwrap: Whether to unwrap joints whose encoders jump after a whole turn.
 
     Raises:
         LogError: a log cannot be read, or an audit reports an error.
@@ -106,7 +106,7 @@ def import_logs(
 
 
 def _unwrap(recording: Recording, mapping: Map) -> Recording:
-    """Take out the whole turns at which encoders begin anew."""
+    """Remove the whole turns by which encoders jump."""
     kinds = dict(zip(mapping.joints, mapping.command.conversion.kinds, strict=True))
     commanded = {joint for joint, kind in kinds.items() if kind == "position"}
     return unwrap_turns(recording, set(mapping.joints) - mapping.slides, commanded)

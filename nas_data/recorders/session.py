@@ -43,7 +43,7 @@ class Target:
         return command_limits(self.robot.spec().compile(), self.simulator.joints, str(self.robot.mjcf))
 
     def describe(self, blind: bool) -> dict[str, object]:
-        """Return the target for provenance; `blind` omits its effects, which the reader shall find."""
+        """Return the target for provenance; `blind` omits its effects."""
         description = {**self.simulator.describe(), **vars(self.readings)}
         return {key: value for key, value in description.items() if not (blind and key == "effects")}
 
