@@ -82,7 +82,7 @@ class BulletSimulator:
     def rollout_settled(
         self, initial: np.ndarray, commands: np.ndarray, initial_loads: np.ndarray | None = None
     ) -> np.ndarray:
-        """Do as `rollout`: initial settling is not supported on this engine."""
+        """Simulate as `rollout`: initial settling is not supported on this engine."""
         return self.rollout(initial, commands)
 
     def stepper(self, size: int) -> "BulletStepper":

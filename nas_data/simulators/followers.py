@@ -162,7 +162,7 @@ class Followers:
         return Slack(solved[:, self.qpos], offsets, qvel[:, self.dofs] - speeds[:, self.dofs])
 
     def place_with_slack(self, slack: Slack, qpos: np.ndarray, qvel: np.ndarray) -> None:
-        """Do as `place`, starting from an earlier solution, then add the deviation of that time."""
+        """Place the followers from an earlier solution, then add their deviation at that time."""
         qpos[:, self.qpos] = slack.solution
         self.place(qpos, qvel)
         self.shift(qpos, np.ones(len(qpos), bool), slack.offsets)
