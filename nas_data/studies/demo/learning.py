@@ -1,4 +1,4 @@
-"""Third and fourth stage of the demo: φ and ψ are trained and compared, then policies are."""
+"""Third and fourth stage of the demo: train and compare φ and ψ, then policies."""
 
 import json
 from collections.abc import Mapping
@@ -31,7 +31,7 @@ FOLDERS: dict[Kind, str] = {"delta": "models/phi", "forward": "models/psi"}
 ROLLOUTS = "models/rollouts.safetensors"
 ERRORS = "models/errors.json"
 NAMES = "source + names"
-SHOWN = (*MODEL.values(), NAMES, *PREDICTORS[len(MODEL) :])  # in the order of tables
+SHOWN = (*MODEL.values(), NAMES, *PREDICTORS[len(MODEL) :])  # order in tables
 
 ErrorTable = dict[str, dict[str, float]]
 """RMSE [rad] by predictor, then by joint; `all` is over all joints."""

@@ -27,7 +27,7 @@ def describe_dynamics(task: Task, dynamics: str, source: str = SOURCE) -> str:
     """Return a sentence on what a dynamics and its source add to the plain model.
 
     Raises:
-        UnknownName: the task has no such dynamics; lists those it has.
+        UnknownName: the task has no such dynamics; lists its dynamics.
     """
     said = f"'{dynamics}' is the plain model with {list_effects(task, dynamics)}."
     return (
