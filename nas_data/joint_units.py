@@ -70,7 +70,7 @@ def find_joint_unit(joint: str, slides: Collection[str]) -> JointUnit:
 
 
 def group_by_kind(joints: Sequence[str], slides: Collection[str]) -> list[tuple[JointUnit, np.ndarray]]:
-    """Return each kind of joint present, hinges first, with the indices of its joints.
+    """Return each kind of joint present, hinges first, with the indices of its joints, shape (k,).
 
     Errors of both kinds are never averaged. An overall figure is that of the first kind; an arm with both kinds has a
     second figure.
