@@ -47,7 +47,7 @@ class GymReacher(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, object] | None = None
     ) -> tuple[np.ndarray, dict[str, object]]:
-        """Begin an episode."""
+        """Begin an episode; return observation and info, as in Gymnasium."""
         super().reset(seed=seed)
         start = TASK.start(self.np_random)
         mujoco.mj_resetData(self.model, self.data)
@@ -58,10 +58,10 @@ class GymReacher(gymnasium.Env[np.ndarray, np.ndarray]):
         return self._observe(), {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, object]]:
-        """Hold the commands for one control period."""
+        """Hold the commands for one control period; return what `gymnasium.Env.step` does."""
         self.data.ctrl[ACTIVE] = action * ANGLE
         self._move()
-        mujoco.mj_kinematics(self.model, self.data)  # after mj_step, sites are where they were a physics step ago
+        mujoco.mj_kinematics(self.model, self.data)  # mj_step leaves site positions of the previous physics step
         offset = self.tip - self.goal
         distance = float(np.sqrt(offset @ offset))
         reached = distance < REACHED

@@ -72,7 +72,7 @@ class GymArm(gymnasium.Env[np.ndarray, np.ndarray]):
         self.data.qacc_warmstart[:] = 0.0
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, object]]:
-        """Hold the commands for one control period."""
+        """Hold the commands for one control period; return what `gymnasium.Env.step` does."""
         self.data.ctrl[self.layout.control] = self.layout.inputs.from_commands(action)
         mujoco.mj_step(self.model, self.data, nstep=self.substeps)
         return self._observe(), 0.0, False, False, {}

@@ -102,12 +102,12 @@ def draw_swinging_load(rng: Rng, constants: Constants, joint: int, faint: bool) 
 
 
 def read_torque_limits(constants: Constants) -> np.ndarray:
-    """Return the servos' largest torques [N m]."""
+    """Return the servos' largest torques [N m], shape (n,)."""
     return constants.force[:, 1]
 
 
 def read_armature(constants: Constants) -> np.ndarray:
-    """Return the rotors' inertia [kg m²]."""
+    """Return the rotors' inertia [kg m²], shape (n,)."""
     return constants.armature
 
 

@@ -109,7 +109,7 @@ def draw_episode(conditions: Conditions, joints: int, rng: np.random.Generator) 
 
 
 def draw_sines(times: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-    """Return a sum of sines [rad], scaled to a drawn amplitude, and its first value."""
+    """Return a sum of sines [rad], shape (T,), scaled to a drawn amplitude, and its first value."""
     phases = 2 * np.pi * (np.outer(times, rng.uniform(*FREQUENCIES, SINES)) + rng.random(SINES))
     course = np.sin(phases) @ rng.uniform(0.2, 1.0, SINES)
     course *= FARTHEST * rng.uniform(0.4, 1.0) / np.abs(course).max()
@@ -117,7 +117,7 @@ def draw_sines(times: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray,
 
 
 def draw_moves(kind: str, times: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-    """Return moves of one profile from target to target [rad], and the first value."""
+    """Return moves of one profile from target to target [rad], shape (T,), and the first value."""
     place = pose = float(rng.uniform(-FARTHEST, FARTHEST))
     course, begin = np.empty_like(times), 0.0
     while begin <= times[-1]:

@@ -41,7 +41,7 @@ class RecordedCase:
 class Claim:
     """A baseline's answer."""
 
-    findings: tuple[ReportedEffect, ...]  # effects it names; empty where it names none
+    findings: tuple[ReportedEffect, ...]  # named effects
     predict: Predict  # commands (E, T, n), first positions and speeds (E, 2n) → positions (E, T, n) [rad]
 
 

@@ -44,7 +44,7 @@ def compute_regressors(recorded: RecordedCase, joint: int) -> np.ndarray:
 
 
 def compute_explained_shares(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """Return the share of the residual's mean square that each regressor explains beyond all others."""
+    """Return the share of the residual's mean square that each regressor explains beyond all others, shape (6,)."""
     whole = sum_squared_residuals(columns, residual)
     alone = [sum_squared_residuals(np.delete(columns, row, axis=0), residual) - whole for row in range(len(columns))]
     return np.array(alone) / (residual @ residual)

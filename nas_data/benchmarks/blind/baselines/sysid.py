@@ -95,7 +95,7 @@ def answer(dataset: Path, model: Path) -> Claim:
 
 
 def compute_half_widths(fit: SysidProblem, logarithms: np.ndarray) -> np.ndarray:
-    """Return half widths of 95 % intervals under independent residuals, as in `mujoco.sysid`."""
+    """Return half widths of 95 % intervals under independent residuals, shape (5 n,), as in `mujoco.sysid`."""
     around = np.concatenate([np.zeros((len(logarithms), 1)), STEP * np.eye(len(logarithms))], axis=1)
     columns = fit.residual(logarithms[:, None] + around)
     residual, jacobian = columns[:, 0], (columns[:, 1:] - columns[:, :1]) / STEP

@@ -24,8 +24,8 @@ SETTLE = 0.5  # [s] default time for which the first pose is commanded before an
 
 # index of the control period, true states (C E, 2n) → commands (C E, n) of that period
 Feedback: TypeAlias = Callable[[int, np.ndarray], np.ndarray]
-# states (C, E, T + 1, 2n) of an arm under C truths with commands (E, T, n) from states (E, 2n) at a control period [s];
-# feedback, where there is one, replaces the commands
+# Simulates an arm under C truths: commands (E, T, n), initial states (E, 2n), control period [s], optional feedback in
+# place of the commands → states (C, E, T + 1, 2n).
 Simulate: TypeAlias = Callable[
     [NominalArm, Sequence[Truth], np.ndarray, np.ndarray, float, Feedback | None], np.ndarray
 ]

@@ -29,7 +29,7 @@ def convert_quaternion(quaternion: np.ndarray) -> np.ndarray:
 
 
 def make_rotation(axis: np.ndarray, angle: float) -> np.ndarray:
-    """Return the rotation by an angle [rad] about a unit axis (Rodrigues)."""
+    """Return the rotation matrix (3, 3) for an angle [rad] about a unit axis (Rodrigues)."""
     turn = skew(np.asarray(axis, float))
     return np.asarray(np.eye(3) + np.sin(angle) * turn + (1 - np.cos(angle)) * turn @ turn)
 

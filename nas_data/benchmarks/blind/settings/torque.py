@@ -55,7 +55,7 @@ def draw_sensor(rng: Rng, rate: float) -> Sensor:
 
 
 def compute_saturating_friction(constants: Constants) -> np.ndarray:
-    """Return the friction coefficients [N m s/rad] that take the whole torque limit at a typical speed."""
+    """Return the friction [N m s/rad] that takes the whole torque limit at a typical speed, shape (n,)."""
     return read_torque_limits(constants) / USUAL[constants.sliding.astype(int)]
 
 
