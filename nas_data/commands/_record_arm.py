@@ -137,11 +137,7 @@ class RecordArm(Command):
             recording.run(lambda saved, warmest: count(saved, wanted, f"servos up to {warmest:.0f} °C"))
 
     def _plan(self, growing: "IncrementalWriter", protocol: "PlaybackProtocol", robot: "Robot") -> "MotionPlan":
-        """Return the plan of the recording; a resumed recording must have the same plan.
-
-        Raises:
-            OptionError: the recording in progress has another plan.
-        """
+        """Return the plan of the recording; raise OptionError if a resumed recording has another plan."""
         from nas_data.recorders.arm import PLAN
         from nas_data.recorders.arm_plan import MotionPlan, draw_plan, plan_key
         from nas_data.recorders.recording_folder import make_other_recording_error

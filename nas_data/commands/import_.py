@@ -46,8 +46,8 @@ class ImportLogs(Command):
     calibration: Path | None = None
     """LeRobot's calibration file (JSON) of the recorded robot; required to convert −100 … 100."""
     model: str | None = None
-    """Model of the robot, to check sign and zero of each joint against limits and gravity, and, without a map, for the
-    range of a gripper.
+    """Model of the robot, to check sign and zero of each joint against limits and gravity. Without a map, it also gives
+    the range of a gripper.
     """
     rate: float | None = None
     """Rows per second [Hz] of a LeRobot dataset; its own fps by default."""
