@@ -252,7 +252,7 @@ def _recover_tasks(root: Path, found: ReadableRows, known: Mapping[int, EpisodeE
 
 
 def _frame_tasks(root: Path, found: ReadableRows, kept: Sequence[int]) -> np.ndarray | None:
-    """Return the task of each recovered frame; None if each episode has a single one, or the task table is lost."""
+    """Return each recovered frame's task, shape (N,); None if episodes have one task each, or the table is lost."""
     try:
         names = read_tasks(root)
     except DatasetInvalid:

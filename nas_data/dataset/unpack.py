@@ -105,11 +105,7 @@ def _take_out(file: Path, hidden: Path, manifest: Manifest) -> None:
 
 
 def _check_whole(file: Path, hidden: Path, manifest: Manifest) -> None:
-    """Compare every file, the rows and the pack itself with the manifest.
-
-    Raises:
-        ValueError: something differs.
-    """
+    """Compare every file, the rows and the pack itself with the manifest; raise ValueError for a difference."""
     found = hash_files(hidden)
     altered = [name for name, digest in manifest.files.items() if found.get(name) != digest]
     if altered:

@@ -83,13 +83,7 @@ def _put_hashed(path: Path, content: bytes | memoryview) -> str:
 def _make_files(
     dataset: Dataset, attachments: Mapping[str, bytes], places: Mapping[str, list[object]]
 ) -> Iterator[tuple[str, bytes | memoryview]]:
-    """Yield path and content of each file except videos, card and provenance.
-
-    Args:
-        dataset: The dataset.
-        attachments: Further files by their path.
-        places: Columns of the episode table that locate the videos.
-    """
+    """Yield path and content of each file except videos, card and provenance; `places` locates the videos."""
     tasks = dataset.all_tasks
     columns = {key: convert_column(dataset, key) for key in dataset.features}
     columns |= make_automatic_columns(dataset, tasks)
