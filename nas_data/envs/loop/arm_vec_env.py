@@ -123,5 +123,5 @@ class ArmVecEnv(VecEnv):
         return [False for _ in self._get_indices(indices)]
 
     def get_images(self) -> Sequence[np.ndarray | None]:
-        """Return nothing to see, once for each row."""
+        """Return None once for each row: there are no images."""
         return [None] * self.num_envs

@@ -54,7 +54,7 @@ class TaskBatch:
 
         Args:
             rngs: One generator per row that starts.
-            rows: Which rows start, shape (rows,); all where None.
+            rows: Rows that start, shape (rows,); all if None.
         """
         starts = [self.task.start(rng) for rng in rngs]
         goals = np.stack([start.goal for start in starts])
