@@ -61,8 +61,8 @@ def list_quantities(
 ) -> list[Quantity]:
     """Return the quantities of each joint, then of the arm.
 
-    An effect that changes a quantity of the joint, such as its friction, is read from the model with the effect, at its
-    value and at both ends of its interval. Other effects are listed by their parameters.
+    For an effect that changes a quantity of the joint, such as its friction, the quantity is read from the model with
+    the effect. Both ends of its interval are read in the same way. Other effects are listed by their parameters.
 
     Args:
         nominal: Given model.

@@ -275,7 +275,7 @@ def take_step(
 def solve_bounded(
     hessian: np.ndarray, gradient: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray
 ) -> np.ndarray:
-    """Return the damped Gauss-Newton step within bounds.
+    """Return the damped Gauss-Newton step within bounds, shape (size,).
 
     Parameters that reach a bound are fixed there, and the others are solved again.
     """
