@@ -24,7 +24,7 @@ FACTORS: Mapping[Kind, Mapping[str, float]] = {
     "signal": {},
 }  # fmt: skip
 FACTORS = {**FACTORS, "command": {unit: factor for kind in COMMANDS for unit, factor in FACTORS[kind].items()}}
-SI: Mapping[Kind, str] = {"position": "rad", "velocity": "rad/s", "effort": "N·m"}  # of hinges; of slides: `convert_hinge_unit`
+SI: Mapping[Kind, str] = {"position": "rad", "velocity": "rad/s", "effort": "N·m"}  # of hinges
 OF_SLIDES = {"m", "cm", "mm", "m/s", "cm/s", "mm/s", "N"}
 OF_EITHER = {"ticks", "A", "normalised"}  # the map defines them by `scale`, or by `low` and `high`
 NORMALISED = "normalised"

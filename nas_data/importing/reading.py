@@ -163,11 +163,7 @@ def _read_times(tables: dict[str, LogTable], mapping: Map) -> dict[str, np.ndarr
 
 
 def _refuse_other_clocks(tables: dict[str, LogTable], ticks: dict[str, np.ndarray], mapping: Map) -> None:
-    """Refuse topics whose times differ by more than any transport delay: they come from different clocks.
-
-    Raises:
-        LogError: names the topic and the difference; the time of receipt has one clock.
-    """
+    """Raise LogError for topics whose times differ by more than any transport delay: their clocks differ."""
     if mapping.clock.unit != "ns" or not all(RECEIVED in table.columns for table in tables.values()):
         return
     reference = mapping.position.source.table

@@ -268,18 +268,14 @@ def number_or_text(value: object, decimal: str = ".") -> object:
 
 
 def _convert_to_numpy(column: pa.Array | pa.ChunkedArray) -> np.ndarray:
-    """Return an Arrow column as a NumPy array; nulls become NaN."""
+    """Return an Arrow column as an array (N,); nulls become NaN."""
     if isinstance(column, pa.ChunkedArray):
         return column.to_numpy()
     return column.to_numpy(zero_copy_only=False)
 
 
 def _make_matrix(rows: list[list[float]]) -> np.ndarray:
-    """Return equal lists of numbers as an array.
-
-    Raises:
-        ValueError: the lists differ in length, or contain other values than numbers.
-    """
+    """Return lists of numbers as an array (N, k); raise ValueError for unequal lengths or other values."""
     matrix = np.array(rows, dtype=np.float64)
     if matrix.ndim != 2:
         raise ValueError("no list of numbers in every row")

@@ -39,11 +39,7 @@ def read(path: Path, layout: LogLayout) -> LogTable:
 
 
 def _check_start(path: Path, delimiter: str) -> None:
-    """Refuse other encodings than UTF-8, and a header with another delimiter.
-
-    Raises:
-        LogError: names the encoding or the delimiter.
-    """
+    """Raise LogError for other encodings than UTF-8, or for a header with another delimiter."""
     with path.open("rb") as file:
         line = file.readline()
     try:
@@ -62,11 +58,7 @@ def _check_start(path: Path, delimiter: str) -> None:
 
 
 def _refuse_ragged(path: Path, delimiter: str) -> None:
-    """Find the row that could not be parsed.
-
-    Raises:
-        LogError: names the line and its number of cells.
-    """
+    """Raise LogError for the row that could not be parsed, with its line and number of cells."""
     bad: list[csv.InvalidRow] = []
 
     def keep(row: csv.InvalidRow) -> str:

@@ -33,11 +33,7 @@ def read(path: Path, layout: LogLayout) -> LogTable:
 
 
 def _parse(path: Path) -> object:
-    """Parse a file.
-
-    Raises:
-        LogError: the file is no UTF-8 or no JSON; the message has the line.
-    """
+    """Parse a file; raise LogError with the line if it is not UTF-8 or not JSON."""
     try:
         text = path.read_text(encoding="utf-8-sig").rstrip()
     except UnicodeDecodeError:
