@@ -38,7 +38,7 @@ def find_driven_joint(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> str 
 
 
 def describe_transmission(model: mujoco.MjModel, actuator: int) -> str | None:
-    """Return what an actuator of a compiled model acts through, as a phrase; None where it acts on a joint."""
+    """Return a phrase for an actuator's transmission in a compiled model; None if it acts on a joint."""
     word, kind = THROUGH.get(mujoco.mjtTrn(model.actuator_trntype[actuator]), ("", None))
     if kind is None:
         return None
