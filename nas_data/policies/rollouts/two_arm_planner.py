@@ -17,8 +17,8 @@ from nas_data.robots.ergo_shield import ROBOT as DUEL
 from nas_data.robots.ergojr import JOINTS
 
 HULLS = ("case", "hull2", "hull4", "hull5")  # collision hulls from the base to the link before the tip
-# The hull of the tip is that of an arm with its plain tip, and reaches beyond sword and shield. Between two arms the
-# servo that it covers stands for it: so a sword may lie on a shield.
+# The hull of the tip is that of an arm with its plain tip, and reaches beyond sword and shield. Between two arms, the
+# servo that it covers replaces it, so that a sword may touch a shield.
 SERVO = "motor6"
 OWN, OTHER, SWORD, SHIELD = 1, 2, 4, 8  # collision bits; the model's hulls and floor have the first
 
