@@ -197,7 +197,7 @@ class ArmMotion:
         return sent
 
     def command(self, wanted: np.ndarray) -> np.ndarray:
-        """Send a command as `send` does, without checking a servo.
+        """Send a command like `send`, without checking a servo.
 
         Raises:
             AdapterLost: the port is gone.

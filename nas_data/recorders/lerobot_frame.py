@@ -39,11 +39,11 @@ class Frame:
     slides: tuple[str, ...] = ()
 
     def positions(self, counts: np.ndarray) -> np.ndarray:
-        """Return positions [rad; m] for counts."""
+        """Return positions [rad; m] for counts, shape (n,)."""
         return np.asarray((counts - self.zeros) * self.ticks)
 
     def counts(self, positions: np.ndarray) -> np.ndarray:
-        """Return the nearest counts for positions [rad; m] within the limits."""
+        """Return the nearest counts for positions [rad; m] within the limits, shape (n,)."""
         return np.rint(np.clip(positions, self.low, self.high) / self.ticks + self.zeros).astype(int)
 
 

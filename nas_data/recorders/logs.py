@@ -164,7 +164,7 @@ def raise_audit_errors(findings: Sequence[AuditFinding]) -> None:
 
 
 def _finish(recording: Recording, mapping: Map) -> Recording:
-    """Align, resample and derive velocities as the map says."""
+    """Align, resample and derive velocities as specified by the map."""
     signals = dict(recording.signals)
     if mapping.derive_velocity and recording.velocities is not None:
         signals[REGISTER] = recording.velocities
