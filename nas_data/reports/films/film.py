@@ -77,7 +77,7 @@ class Film:
 
 
 def select_frames(motion: Motion, start: float, seconds: float | None, rate: float, speed: float) -> np.ndarray:
-    """Return the frame of the episode for each picture of a film.
+    """Return the frame of the episode for each picture of a film, shape (pictures,).
 
     Args:
         motion: Motion of the ghosts.
