@@ -247,7 +247,7 @@ def make_generic_posture(model: mujoco.MjModel) -> np.ndarray:
 
 
 def find_position_indices(model: mujoco.MjModel, joint: int) -> np.ndarray:
-    """Return the indices of a joint's positions in `qpos`."""
+    """Return the indices of a joint's positions in `qpos`, shape (1,), (4,) or (7,)."""
     width = {int(mujoco.mjtJoint.mjJNT_FREE): 7, int(mujoco.mjtJoint.mjJNT_BALL): 4}.get(int(model.jnt_type[joint]), 1)
     return int(model.jnt_qposadr[joint]) + np.arange(width)
 

@@ -255,11 +255,7 @@ class MujocoSimulator:
         return ends
 
     def _check_time(self, ends: np.ndarray, unstable: list[str]) -> None:
-        """Refuse diverged rollouts, whose simulated time is wrong: MuJoCo stopped or reset them.
-
-        Raises:
-            ModelFileError: names the first diverged simulation and its time.
-        """
+        """Raise ModelFileError for the first rollout with a wrong time: MuJoCo stopped or reset diverged ones."""
         expected = self.period * (1 + np.arange(ends.shape[1]))
         stopped = np.abs(ends[..., 0] - expected) > 0.1 * self.model.opt.timestep * (1 + np.arange(ends.shape[1]))
         stopped |= ~np.isfinite(ends).all(axis=-1)
