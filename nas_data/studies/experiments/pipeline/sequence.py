@@ -36,7 +36,7 @@ class Sequence:
         return [self.dataset.next_states[rows] for rows in self.dataset.episodes()]
 
     def errors(self, predictor: str) -> list[np.ndarray]:
-        """Return the RMS position error over joints [rad] at each step of each episode."""
+        """Return the RMS position error over joints [rad] at each step, one array of shape (T,) per episode."""
         joints, rollouts = len(self.dataset.joints), self.evaluation.rollouts[predictor]
         return [compute_joint_errors(one, other, joints) for one, other in zip(rollouts, self.measured, strict=True)]
 
