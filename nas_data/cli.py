@@ -136,14 +136,14 @@ def parse(name: str, rest: list[str]) -> "Command":
     """
     import tyro
 
-    kind, said = load_command_class(name), io.StringIO()
-    heard = contextlib.redirect_stderr(said) if "--json" in rest else contextlib.nullcontext()
+    kind, captured = load_command_class(name), io.StringIO()
+    redirected = contextlib.redirect_stderr(captured) if "--json" in rest else contextlib.nullcontext()
     try:
-        with heard:
+        with redirected:
             return tyro.cli(kind, args=kind.spell(rest), prog=f"nas {name}", config=(tyro.conf.FlagCreatePairsOff,))
     except SystemExit as stop:
-        if stop.code and said.getvalue():
-            raise OptionError(f"{strip_box(said.getvalue())}; see: nas {name} --help") from None
+        if stop.code and captured.getvalue():
+            raise OptionError(f"{strip_box(captured.getvalue())}; see: nas {name} --help") from None
         raise
 
 

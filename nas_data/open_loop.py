@@ -36,8 +36,8 @@ def infer_initial_loads(dataset: Dataset, simulator: Simulator, initial: np.ndar
         initial: First state of each episode, shape (E, 2n or 2n + m).
     """
     n, rows = len(dataset.joints), max(1, round(START_SECONDS * dataset.fps))
-    begun = [slice(part.start, min(part.stop, part.start + rows)) for part in dataset.episodes()]
-    commands, measured = ([values[part] for part in begun] for values in (dataset.commands, dataset.next_states))
+    slices = [slice(part.start, min(part.stop, part.start + rows)) for part in dataset.episodes()]
+    commands, measured = ([values[part] for part in slices] for values in (dataset.commands, dataset.next_states))
     squares = np.empty((len(InitialLoad), dataset.n_episodes, n))
     for load in InitialLoad:
         rolled = roll_out_episodes(simulator, initial, commands, np.full((dataset.n_episodes, n), load))

@@ -214,9 +214,9 @@ def find_training_source(
         if model is not None:
             raise
         if kind == "delta":
-            told = str(error).replace(str(kept_in[0]), str(find_name(dataset)))
+            reason = str(error).replace(str(kept_in[0]), str(find_name(dataset)))
             notes.append(
-                f"{told} Without it, training is by teacher forcing alone, and open-loop errors cannot be told."
+                f"{reason} Without it, training is by teacher forcing alone, and open-loop errors cannot be told."
             )
         return None, {}
     if kind == "delta" and dataset.paired:

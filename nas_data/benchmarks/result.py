@@ -73,9 +73,9 @@ def take_turns(sides: Mapping[str, Work], rounds: int) -> dict[str, Times]:
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in sides}
     for number in range(rounds + 1):
         for name in list(sides) if number % 2 else reversed(list(sides)):
-            begun, spent = time.perf_counter(), time.process_time()
+            start, spent = time.perf_counter(), time.process_time()
             frames = sides[name]()
-            took = (time.perf_counter() - begun) / frames, (time.process_time() - spent) / frames
+            took = (time.perf_counter() - start) / frames, (time.process_time() - spent) / frames
             if number:
                 found[name].append(took)
                 say(f"round {number} of {rounds}: {name} {took[0] * 1e6:.4g} µs a frame")

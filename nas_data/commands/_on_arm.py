@@ -69,7 +69,7 @@ class OnArm:
             tally.sittings += 1
             if saved:
                 saved.resume(self._recorder(plan, environment, arms))
-            with self._reporting_saved(saved, plan), arms.open(task, tally) as on:
+            with self._report_saved(saved, plan), arms.open(task, tally) as on:
                 scores = self._roll_out(plan, on, saved)
             path = saved.finish(describe_tally(tally)) if saved else None
         return self._make_result(plan, environment, scores, tally, path)
@@ -89,7 +89,7 @@ class OnArm:
         return scores
 
     @contextmanager
-    def _reporting_saved(self, saved: Saved | None, plan: EvaluationPlan) -> Iterator[None]:
+    def _report_saved(self, saved: Saved | None, plan: EvaluationPlan) -> Iterator[None]:
         """Report the saved episodes at the beginning, and at the end if the context is left by an error."""
         if saved is None:
             yield

@@ -52,14 +52,14 @@ class BenchmarkGap(Command):
         records = run(plan, self.out, investigate, say)
         found = make_tables(records)
         text = f"{len(records)} blind cases ({self.setting}), seed {self.seed}\n\n{print_tables(found)}\n→ {self.out}"
-        told = {
+        settings = {
             "out": self.out,
             "cases": len(records),
             "setting": self.setting,
             "seed": self.seed,
             "commit": find_commit(),
         }
-        return CommandResult(text, {**told, "tables": found})
+        return CommandResult(text, {**settings, "tables": found})
 
 
 def investigate(dataset: Path, model: Path, out: Path) -> None:

@@ -43,14 +43,14 @@ class Effects(Command):
 
 def summarise_effect(kind: "type[Effect]", width: int) -> str:
     """Return one line: name, padded to a width, possible joints, parameters."""
-    told = ", ".join(f"{p.name} [{p.unit}]" if p.unit else p.name for p in kind.parameters)
-    return f"{kind.name():<{width}} {' or '.join(list_places(kind)):<12} {told}"
+    parameters = ", ".join(f"{p.name} [{p.unit}]" if p.unit else p.name for p in kind.parameters)
+    return f"{kind.name():<{width}} {' or '.join(list_places(kind)):<12} {parameters}"
 
 
 def describe_effect(kind: "type[Effect]") -> Iterator[str]:
     """Yield the full description of an effect, line by line."""
     beyond = "in a form of its own; where that does not fit the joint, the nearest effect that fits"
-    told = {
+    entries = {
         "equation": kind.equation,
         **{parameter.name: describe_bounds(parameter) for parameter in kind.parameters},
         "shows as": kind.signature,
@@ -59,7 +59,7 @@ def describe_effect(kind: "type[Effect]") -> Iterator[str]:
         "source": kind.source,
     }
     yield f"{kind.name()} ({' or '.join(list_places(kind))}): {read_meaning(kind)}"
-    yield from (f"  {name:<{WIDTH}} {what}" for name, what in told.items())
+    yield from (f"  {name:<{WIDTH}} {what}" for name, what in entries.items())
 
 
 def describe_bounds(parameter: "Parameter") -> str:

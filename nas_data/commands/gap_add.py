@@ -53,13 +53,13 @@ class GapAdd(TakesModel):
             self.out.mkdir(parents=True, exist_ok=True)
             outcome = score_model(problem, final, FinalFit((), {}, ()), FinalFit((), {}, ()), self.out)
             found = measure_gap(problem.held, outcome)
-        told = " and ".join(
+        shown = " and ".join(
             f"{unit.text(errors.before, 3)} before, {unit.text(errors.after, 3)} after"
             for errors in (found, found.slides)
             if errors is not None and (unit := find_display_unit(errors.unit))
         )
         text = (
-            f"Open-loop position error on {len(problem.held.evidence)} held-out episodes: {told}, "
+            f"Open-loop position error on {len(problem.held.evidence)} held-out episodes: {shown}, "
             f"from the written file.\n{outcome.model}"
         )
         data: dict[str, object] = {"model": outcome.model, "before": found.before, "after": found.after}

@@ -45,10 +45,10 @@ class Report(Command):
             parts = [section for part in pages for section in (PageSection(part.title, []), *part.sections)]
             page = HtmlPage("Reports of nas_data", parts)
         write_atomic(self.out, page.to_html().encode())
-        told = ", ".join(
+        kinds = ", ".join(
             f"{number} {KINDS[kind] if number == 1 else kind}" for kind, number in counts.items() if number
         )
-        return CommandResult(f"{told} → {self.out}", {"page": self.out, **counts})
+        return CommandResult(f"{kinds} → {self.out}", {"page": self.out, **counts})
 
     def pages(self) -> "tuple[list[HtmlPage], dict[str, int]]":
         """Return one page per gap, sweep and dataset, one for all runs, and the number of each kind."""

@@ -63,11 +63,11 @@ class RobotErgojr(Command):
         with port_of(self.port, self.effect, self.fault) as port:
             arm = Xl320Arm(port, joints)
             try:
-                return self._look(arm, path)
+                return self._inspect(arm, path)
             finally:
                 arm.close()
 
-    def _look(self, arm: "Xl320Arm", path: Path | None) -> CommandResult:
+    def _inspect(self, arm: "Xl320Arm", path: Path | None) -> CommandResult:
         from nas_data.hardware.xl320.inventory import take_inventory
 
         if self.rename:

@@ -121,7 +121,7 @@ def compare_datasets(
         moved=sum(i != j for i, j in equal),
         compared=compared,
         unmatched=_find_unpaired_episodes(*rest, compared),
-        values={key: change for key in same_kind if (change := _change(a, b, key, compared))},
+        values={key: change for key in same_kind if (change := _compare_feature(a, b, key, compared))},
         tasks=tuple((i, j, a.tasks[i], b.tasks[j]) for i, j in sorted([*equal, *compared]) if a.tasks[i] != b.tasks[j]),
         provenance=_compare_provenance(*come_from),
     )
@@ -168,7 +168,7 @@ def _find_unpaired_episodes(
     return tuple(i for i in a if i not in paired[0]), tuple(j for j in b if j not in paired[1])
 
 
-def _change(a: Dataset, b: Dataset, key: str, pairs: Sequence[tuple[int, int]]) -> Change | None:
+def _compare_feature(a: Dataset, b: Dataset, key: str, pairs: Sequence[tuple[int, int]]) -> Change | None:
     """Return the difference of one feature over pairs of episodes of equal length; None if all bits agree."""
     columns = [convert_column(dataset, key) for dataset in (a, b)]
     frames, worst = 0, None

@@ -142,12 +142,12 @@ class PassthroughFeatures:
         found = {key: table[key] for key in keys}
         timed = [key for key in keys if self.features[key].get("dtype") == LANGUAGE and has_times(found[key])]
         if timed:
-            clocks = self._clocks(first + np.cumsum(lengths) - lengths, lengths, fps)
+            clocks = self._find_clocks(first + np.cumsum(lengths) - lengths, lengths, fps)
             if clocks is not None:
                 found |= {key: move_times(found[key], clocks) for key in timed}
         return found
 
-    def _clocks(
+    def _find_clocks(
         self, starts: np.ndarray, lengths: np.ndarray, fps: float
     ) -> list[tuple[np.ndarray, np.ndarray]] | None:
         """Return for each frame the times [s] of its episode in source and result; None if all are equal."""

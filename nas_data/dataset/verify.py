@@ -181,7 +181,7 @@ def _check_episodes(evidence: VerifyInput) -> Iterator[str]:
             yield f"meta/episodes says {key} {found[wrong[0]]} for episode {wrong[0]}, the rows say {values[wrong[0]]}."
 
 
-def _passed_through(evidence: VerifyInput) -> Iterator[str]:
+def _check_passthrough(evidence: VerifyInput) -> Iterator[str]:
     """Report missing videos or columns; without provenance, a missing file is not detected otherwise."""
     dataset = evidence.dataset
     if dataset.passthrough is None or evidence.provenance is not None:
@@ -261,7 +261,7 @@ METADATA: tuple[Callable[[VerifyInput], Iterator[str]], ...] = (_check_indices, 
 PROBLEMS: tuple[Callable[[VerifyInput], Iterator[str]], ...] = (
     _check_content,
     *METADATA,
-    _passed_through,
+    _check_passthrough,
     _report_audit_problems,
     _check_continuity,
 )

@@ -62,7 +62,7 @@ def fill(folder: Path, dataset: Dataset, provenance: Provenance, attachments: Ma
             # A file is written while the next one is built: at most two are in memory.
             for earlier in hashes.values():
                 earlier.result()
-            hashes[name] = disk.submit(_put_hashed, folder / name, content)
+            hashes[name] = disk.submit(_write_hashed, folder / name, content)
     complete = replace(provenance, files={name: found.result() for name, found in hashes.items()})
     write_synced(folder / layout.PROVENANCE, encode_json(complete.to_json()))
     write_synced(folder / layout.CARD, render_card(dataset, complete).encode())
@@ -74,7 +74,7 @@ def _hash(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _put_hashed(path: Path, content: bytes | memoryview) -> str:
+def _write_hashed(path: Path, content: bytes | memoryview) -> str:
     """Write a file and return its SHA-256."""
     write_synced(path, content)
     return hashlib.sha256(content).hexdigest()
@@ -159,7 +159,7 @@ def make_data_file(columns: Mapping[str, np.ndarray], dataset: Dataset, episodes
     stream = pa.BufferOutputStream()
     # Dictionaries make files of floats larger and twice as slow, but files of messages that every frame repeats ten
     # times smaller. LeRobot filters episodes by episode_index only.
-    repeated: list[str] | bool = [path for key in further for path in _texts_of(table.schema.field(key).type, key)]
+    repeated: list[str] | bool = [path for key in further for path in _find_texts(table.schema.field(key).type, key)]
     options = {"use_dictionary": repeated or False, "write_statistics": ["episode_index"]}
     with pq.ParquetWriter(stream, table.schema, **options) as writer:
         sizes = lengths[episodes.start : episodes.stop]
@@ -172,15 +172,15 @@ def make_data_file(columns: Mapping[str, np.ndarray], dataset: Dataset, episodes
     return memoryview(stream.getvalue())
 
 
-def _texts_of(kind: pa.DataType, path: str) -> Iterator[str]:
+def _find_texts(kind: pa.DataType, path: str) -> Iterator[str]:
     """Yield the path of each text in a column."""
     if isinstance(kind, pa.BaseExtensionType):
-        yield from _texts_of(kind.storage_type, path)
+        yield from _find_texts(kind.storage_type, path)
     elif pa.types.is_list(kind):
-        yield from _texts_of(kind.value_type, f"{path}.list.element")
+        yield from _find_texts(kind.value_type, f"{path}.list.element")
     elif pa.types.is_struct(kind):
         for field in kind:
-            yield from _texts_of(field.type, f"{path}.{field.name}")
+            yield from _find_texts(field.type, f"{path}.{field.name}")
     elif pa.types.is_string(kind):
         yield path
 

@@ -156,7 +156,7 @@ def with_raw_unit(mapping: Map, unit: str, motors: Sequence[Motor]) -> Map:
     def converted(quantity: LogQuantity) -> LogQuantity:
         lines = zip(quantity.conversion.gain, quantity.conversion.bias, quantity.conversion.units, strict=True)
         changed = [
-            _line(line, unit, servo, motors[index] if motors else None) if kind == "position" else line
+            _convert_line(line, unit, servo, motors[index] if motors else None) if kind == "position" else line
             for index, (line, kind) in enumerate(zip(lines, quantity.conversion.kinds, strict=True))
         ]
         gain, bias, units = zip(*changed, strict=True)
@@ -165,7 +165,7 @@ def with_raw_unit(mapping: Map, unit: str, motors: Sequence[Motor]) -> Map:
     return replace(mapping, position=converted(mapping.position), command=converted(mapping.command))
 
 
-def _line(
+def _convert_line(
     line: tuple[float, float, str], unit: str, servo: ServoTicks, motor: Motor | None
 ) -> tuple[float, float, str]:
     """Return gain, bias and raw unit of one joint in another unit."""

@@ -95,7 +95,7 @@ def import_logs(
     dataset, kept = _convert_recordings(ready, mapping), {}
     if mapping.layout.format == "lerobot":
         kept = subtasks([resolve(log) for log in logs])
-        dataset, lost = _with_rest(dataset, ready, mapping)
+        dataset, lost = _add_other_features(dataset, ready, mapping)
         findings += lost
     return Import(
         dataset=dataset,
@@ -208,7 +208,7 @@ def _convert_recordings(recordings: Sequence[Recording], mapping: Map) -> Datase
     )
 
 
-def _with_rest(
+def _add_other_features(
     dataset: Dataset, recordings: Sequence[Recording], mapping: Map
 ) -> tuple[Dataset, Sequence[AuditFinding]]:
     """Add the other features of LeRobot datasets: vectors, and passed-through data such as videos.
@@ -228,8 +228,8 @@ def _with_rest(
             rows = [sources[recording.file].columns[key][recording.rows[1:]] for recording in recordings]
             dataset = dataset.with_column(f"next.{key}", first.features[key], np.concatenate(rows))
     if mapping.task == "{task}" and not mapping.resample:
-        told = [sources[recording.file].task_of_frame[recording.rows[:-1]] for recording in recordings]
-        dataset = replace(dataset, frame_tasks=np.concatenate(told))
+        frame_tasks = [sources[recording.file].task_of_frame[recording.rows[:-1]] for recording in recordings]
+        dataset = replace(dataset, frame_tasks=np.concatenate(frame_tasks))
     passthrough = [
         source.passthrough
         and source.passthrough.take(np.concatenate([r.rows[:-1] for r in recordings if r.file == file]))

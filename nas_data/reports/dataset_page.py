@@ -152,13 +152,13 @@ def make_timing_blocks(dataset: Dataset, steps: Sequence[np.ndarray]) -> list[Bl
         apart = f"{1e3 * period:.4g} ms apart ({dataset.fps:g} Hz)"
         return [Text(f"All rows are {apart}, as in a simulation or a resampled log.")]
     uneven = np.abs(whole - period) > LATE * period
-    said = {
+    facts = {
         "Rate": f"{dataset.fps:g} Hz promised, {1 / float(np.median(whole)):.4g} Hz measured (median)",
         "Jitter": f"{1e3 * float(whole.std()):.3g} ms standard deviation of the steps",
         "Steps": f"{1e3 * float(whole.min()):.3g} to {1e3 * float(whole.max()):.3g} ms",
         "Uneven": f"{100 * float(uneven.mean()):.2g} % of the steps are off by more than {LATE:g} control periods",
     }
-    return [Facts(said), *make_step_charts(steps, period)]
+    return [Facts(facts), *make_step_charts(steps, period)]
 
 
 def make_hole_blocks(dataset: Dataset, steps: Sequence[np.ndarray]) -> list[Block]:
@@ -180,8 +180,8 @@ def make_hole_blocks(dataset: Dataset, steps: Sequence[np.ndarray]) -> list[Bloc
 def make_episode_blocks(dataset: Dataset, measured: Mapping[str, np.ndarray]) -> list[Block]:
     """Return the unusual episodes, charts of the first ones, and a table of all episodes."""
     striking = find_differing(measured)
-    told = [f"episode {episode} ({', '.join(why)})" for episode, why in striking.items()]
-    said = f"These differ from the others: {'; '.join(told)}." if told else "No episode differs much from the others."
+    names = [f"episode {episode} ({', '.join(why)})" for episode, why in striking.items()]
+    lead = f"These differ from the others: {'; '.join(names)}." if names else "No episode differs much from the others."
     listed = range(min(dataset.n_episodes, MOST_EPISODES))
     rows = [
         (str(place), *(f"{values[place]:.3g}" for values in measured.values()), ", ".join(striking.get(place, [])))
@@ -194,7 +194,7 @@ def make_episode_blocks(dataset: Dataset, measured: Mapping[str, np.ndarray]) ->
     if len(listed) < dataset.n_episodes:
         note += f" Only the first {MOST_EPISODES} of {dataset.n_episodes} episodes."
     drawn = [make_episode_chart(dataset, episode) for episode in (list(striking) or [0])[:SHOWN]]
-    return [Text(said), *drawn, HtmlTable(("episode", *measured, "differs in"), rows, note)]
+    return [Text(lead), *drawn, HtmlTable(("episode", *measured, "differs in"), rows, note)]
 
 
 def make_provenance_section(summary: DatasetSummary) -> PageSection:

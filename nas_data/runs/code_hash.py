@@ -87,8 +87,8 @@ def normalise_code(node: object) -> str:
         node = ast.JoinedStr([part for part in node.values if getattr(part, "value", None) != ""])
     # Newer Python versions have more fields, which are empty for older code.
     parts = [(name, getattr(node, name, None)) for name in node._fields if name != "ctx"]
-    told = [f"{name}={normalise_code(part)}" for name, part in parts if part is not None and part != []]
-    return f"{type(node).__name__}({' '.join(told)})"
+    texts = [f"{name}={normalise_code(part)}" for name, part in parts if part is not None and part != []]
+    return f"{type(node).__name__}({' '.join(texts)})"
 
 
 def is_text(node: object) -> bool:

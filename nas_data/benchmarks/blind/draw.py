@@ -86,11 +86,11 @@ class EffectSampler:
         """
         base, groups = self._draw_base(), list[Group]()
         while len(groups) < FAMILIES[self.identity.family]:
-            groups.append(self._another(flatten(groups)))
+            groups.append(self._draw_other(flatten(groups)))
         tries = [1] * len(groups)
         for _ in range(self.setting.rounds):
             truth = Truth(base, (*self.given, *flatten(groups)))
-            tape, marks, unfit = self._seen(truth, script)
+            tape, marks, unfit = self._draw_visible(truth, script)
             unfit_groups = [
                 row for row, members in enumerate(number_groups(groups, len(self.given))) if members & unfit
             ]
@@ -112,7 +112,7 @@ class EffectSampler:
         base = Base.draw(len(self.arm.joints), self.identity.stream("base"))
         return replace(base, stiffness=(1.0,) * len(self.arm.joints)) if self.conditions.pieces else base
 
-    def _seen(self, truth: Truth, script: Script) -> tuple[CommandSequence, EffectSizes, set[int]]:
+    def _draw_visible(self, truth: Truth, script: Script) -> tuple[CommandSequence, EffectSizes, set[int]]:
         """Return commands, marks and effects whose marks do not fit; a slow plant runs only once the fast one fits."""
         screened = self.identity.plant != self.screen and bool(truth.hidden)
         for plant in (self.screen, self.identity.plant) if screened else (self.identity.plant,):
@@ -130,9 +130,9 @@ class EffectSampler:
         """Return an effect in another size, or another effect in its place."""
         if same:
             return self._draw_size(groups[row][0].effect, [hidden.joint for hidden in groups[row]])
-        return self._another(flatten([*groups[:row], *groups[row + 1 :]]))
+        return self._draw_other(flatten([*groups[:row], *groups[row + 1 :]]))
 
-    def _another(self, beside: Sequence[Hidden]) -> Group:
+    def _draw_other(self, beside: Sequence[Hidden]) -> Group:
         """Draw an effect, its joint and its size, distinguishable from those in `beside`."""
         while True:
             effect = str(self.rng.choice(sorted(self.kinds)))

@@ -50,7 +50,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     return (
         _report_division(recording)
         + found
-        + _rate(recording, steps, expected)
+        + _check_rate(recording, steps, expected)
         + _report_uneven_steps(recording, steps, expected)
     )
 
@@ -78,7 +78,7 @@ def _report_division(recording: Recording) -> list[AuditFinding]:
     return [AuditFinding("time_gap", recording.label, what, rows=row)]
 
 
-def _rate(recording: Recording, steps: np.ndarray, expected: Expected) -> list[AuditFinding]:
+def _check_rate(recording: Recording, steps: np.ndarray, expected: Expected) -> list[AuditFinding]:
     """Compare the typical rate with the expected one."""
     whole = steps[(steps > 0) & ~find_holes(steps, max(float(np.median(steps)), 1 / expected.rate))]
     if not whole.size:

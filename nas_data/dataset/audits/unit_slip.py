@@ -30,13 +30,13 @@ def _report_large_values(recording: Recording, expected: Expected, what: str, va
     found = []
     for index, joint in enumerate(recording.joints):
         size = np.abs(values[:, index])
-        most, told, units = LARGEST_POSITIONS[joint in expected.slides]
+        most, words, units = LARGEST_POSITIONS[joint in expected.slides]
         rows = list_row_numbers(recording.rows, size > most)
         if rows:
             unit = find_joint_unit(joint, expected.slides).si
             text = (
                 f"the {what} of {joint} reaches {size.max():.4g} {unit} in {recording.name_rows(rows)}, "
-                f"more than {told}"
+                f"more than {words}"
             )
             remedy = (
                 f"if the log is in {units}, say so: {_name_key(what, joint)}; if the joint does go so far, "

@@ -149,7 +149,7 @@ def _list_joint_quantities(
             ends = intervals.get((effect.name(), joint, parameter.name))
             if ends is None:
                 continue
-            moved = [_read_quantities(spec, joint, _with(effects, place, parameter, end)) for end in ends]
+            moved = [_read_quantities(spec, joint, _replace_parameter(effects, place, parameter, end)) for end in ends]
             for name, number in value.items():
                 off = [other[name] - number for other in moved if math.isfinite(other[name]) and math.isfinite(number)]
                 if any(off):
@@ -188,7 +188,7 @@ def _list_effect_quantities(spec: mujoco.MjSpec, effect: Effect, intervals: Inte
     ]
 
 
-def _with(effects: Sequence[Effect], place: int, parameter: Parameter, value: float) -> list[Effect]:
+def _replace_parameter(effects: Sequence[Effect], place: int, parameter: Parameter, value: float) -> list[Effect]:
     """Return effects with one parameter changed, clipped to its bounds."""
     lowest, highest = min(parameter.neutral, parameter.low), max(parameter.neutral, parameter.high)
     effect = effects[place]

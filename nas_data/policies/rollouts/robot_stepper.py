@@ -92,10 +92,10 @@ class RobotStepper:
 
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
         """Move the arms slowly to their first poses; see `Stepper.reset`."""
-        self._end_bout()
+        self._end_attempt()
         n = len(self.joints)
         self._guidance = states[0, 2 * n : 3 * n].copy()
-        self._bring(np.concatenate([states[0, :n], self._guidance]) if self._defender else states[0, :n])
+        self._move_to(np.concatenate([states[0, :n], self._guidance]) if self._defender else states[0, :n])
         self._bout, self._due = ArmAttempt(), self._attacker.clock.now() + LEAD
         self._read(self._retry.failures)
         here, _ = self._measured()
@@ -134,7 +134,7 @@ class RobotStepper:
 
     def take_bouts(self) -> list[ArmAttempt]:
         """End the present attempt, and return all attempts since the last call."""
-        self._end_bout()
+        self._end_attempt()
         bouts, self._bouts = self._bouts, []
         retries = sum(motion.arm.retries for motion in self._arms)
         self.tally.retries, self._retries = self.tally.retries + retries - self._retries, retries
@@ -145,7 +145,7 @@ class RobotStepper:
         """Tell the watchdogs that the next message comes within a time [s]; raises like `ArmMotion.extend_deadline`."""
         self._attacker.extend_deadline(seconds)
 
-    def _end_bout(self) -> None:
+    def _end_attempt(self) -> None:
         """Append the readings and commands since the last reset to the attempts."""
         bout, self._bout = self._bout, ArmAttempt()
         if bout.commands:
@@ -162,7 +162,7 @@ class RobotStepper:
         if self._retry.failures > unheard:
             self._bout.unheard.add(len(self._bout.readings) - 1)
 
-    def _bring(self, pose: np.ndarray) -> None:
+    def _move_to(self, pose: np.ndarray) -> None:
         """Move slowly to a pose [rad], shape (n,) or (2n,), and cool there if a servo is hot."""
         self._approach(pose)
         held = pose - self._planner.sag(pose)

@@ -79,13 +79,13 @@ class TwoArmPlanner:
         if planner.touches(end):
             return None
         for corners in self._alone.candidates(begin[moves], end[moves]):
-            path = np.stack([begin, *(_with(begin, moves, corner) for corner in corners)])
+            path = np.stack([begin, *(_replace_joints(begin, moves, corner) for corner in corners)])
             if planner.is_free(path) and self._alone.is_free(path[:, moves]):
                 return path[1:]
         return None
 
 
-def _with(pose: np.ndarray, moves: np.ndarray, half: np.ndarray) -> np.ndarray:
+def _replace_joints(pose: np.ndarray, moves: np.ndarray, half: np.ndarray) -> np.ndarray:
     """Return a pose, shape (2n,), with the joints of the mask `moves`, shape (2n,), set to `half`, shape (n,)."""
     whole = pose.copy()
     whole[moves] = half

@@ -216,8 +216,8 @@ def check_same(folder: Path, identity: Mapping[str, object]) -> None:
         raise OutputExists(f"{folder} exists and holds no sweep; choose another --out.") from None
     other = [key for key in {**identity, **held} if held.get(key) != identity.get(key)]
     if other:
-        told = "; ".join(f"{key}: {shorten(held.get(key))} there, {shorten(identity.get(key))} here" for key in other)
-        raise OutputExists(f"{folder} holds another sweep ({told}); choose another --out.")
+        shown = "; ".join(f"{key}: {shorten(held.get(key))} there, {shorten(identity.get(key))} here" for key in other)
+        raise OutputExists(f"{folder} holds another sweep ({shown}); choose another --out.")
 
 
 def shorten(value: object) -> str:

@@ -228,8 +228,8 @@ class SweepData:
         if source is None:
             return None
         described = source.simulator(self.read(), threads=1).describe()
-        told = [str(described.get(key)) for key in ("sha256", "engine", "effects")]
-        return hashlib.sha256("\n".join(told).encode()).hexdigest()
+        values = [str(described.get(key)) for key in ("sha256", "engine", "effects")]
+        return hashlib.sha256("\n".join(values).encode()).hexdigest()
 
     def check(self, content: Content) -> None:
         """Raise DatasetInvalid if the data changed since a sweep began."""

@@ -33,12 +33,12 @@ def record_pairs(demo: Demo) -> StageResult:
         for name, episodes, seed in sets
     )
     moved = plan.episodes * plan.seconds
-    said = [
+    texts = [
         f"{plan.episodes} episodes to learn from ({train.frames:,} control steps, {moved:.0f} s of motion) "
         f"→ {demo.folder / train.path}",
         f"{plan.heldout} held-out episodes → {demo.folder / heldout.path}",
     ]
-    return StageResult(said, {"train": train.describe(), "heldout": heldout.describe(), **describe_gap(plan)})
+    return StageResult(texts, {"train": train.describe(), "heldout": heldout.describe(), **describe_gap(plan)})
 
 
 def describe_gap(plan: DemoPlan) -> dict[str, object]:

@@ -128,8 +128,8 @@ def simulate_alike(
     numbers = stack_arms(bodies, episodes)
     # C arms times E episodes, the episodes of an arm in adjacent rows
     first = np.concatenate([compute_start_states(body, starts) for body in bodies])
-    told = np.tile(pad_commands(bodies[0], commands), (len(bodies), 1, 1))
-    state = PlantState(Drive.of(numbers), told, period, first)
+    tiled = np.tile(pad_commands(bodies[0], commands), (len(bodies), 1, 1))
+    state = PlantState(Drive.of(numbers), tiled, period, first)
     measured = np.empty((len(first), steps + 1, 2 * n))
     measured[:, 0] = state.measure(n)
     with open_physics(bodies, numbers, state) as move:

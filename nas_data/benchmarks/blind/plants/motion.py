@@ -160,7 +160,7 @@ class PlantState:
         drive, loose = self.drive, self.drive.loose
         angle = self.q if self.rigid else np.where(loose, self.angle, self.q)
         speed = self.v if self.rigid else np.where(loose, self.speed, self.v)
-        torque = drive.torque(self._goal(), angle, speed)
+        torque = drive.torque(self._compute_goal(), angle, speed)
         turning = torque + drive.passive(angle, speed)
         budget = drive.budget(torque, speed)
         on_link = turning + drive.pull(self.q) - bias
@@ -206,16 +206,16 @@ class PlantState:
         self.stopping = torque
         return speed
 
-    def _goal(self) -> np.ndarray:
+    def _compute_goal(self) -> np.ndarray:
         """Return the servos' goal [rad]: the delayed command, approached at a bounded rate."""
         # slightly later, so that a command counts in the step in which it is given
         if self.prompt:
-            told = self.commands[:, int(self.time / self.period + 1e-6)]
+            command = self.commands[:, int(self.time / self.period + 1e-6)]
         else:
             row = ((self.time - self.drive.delay) / self.period + 1e-6).astype(int)
-            told = np.take_along_axis(self.commands, np.clip(row, 0, None)[:, None], axis=1)[:, 0]
+            command = np.take_along_axis(self.commands, np.clip(row, 0, None)[:, None], axis=1)[:, 0]
         if not self.slews:
-            return told
-        way = self.drive.speed * STEP
-        self.goal = self.goal + clip_symmetric(told - self.goal, way)
+            return command
+        largest_change = self.drive.speed * STEP
+        self.goal = self.goal + clip_symmetric(command - self.goal, largest_change)
         return self.goal
