@@ -55,7 +55,7 @@ def convert_hinge_unit(unit: str, slide: bool) -> str:
 
 
 def find_display_unit(si: str) -> JointUnit:
-    """Return how positions in an SI unit are displayed."""
+    """Return the display unit of positions in an SI unit."""
     return next((unit for unit in (SLIDE, SHARE) if unit.si == si), HINGE)
 
 

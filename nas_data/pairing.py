@@ -101,7 +101,7 @@ def with_model_units(dataset: Dataset, simulator: Simulator) -> Dataset:
 
 
 def find_continuing_frames(dataset: Dataset) -> np.ndarray:
-    """Return which frames begin where the previous one ended, shape (N,): they continue the same motion."""
+    """Return a mask of the frames that begin where the previous one ended, shape (N,): they continue its motion."""
     n, result = len(dataset.joints), np.zeros(dataset.n_frames, bool)
     ends, begins = dataset.next_states[:-1, :n], dataset.states[1:, :n]
     travel = np.ptp(dataset.states[:, :n], axis=0) if dataset.n_frames else np.zeros(n)
