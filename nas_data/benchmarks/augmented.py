@@ -36,7 +36,7 @@ class GymReacher(gymnasium.Env[np.ndarray, np.ndarray]):
     metadata = {"render_modes": []}  # noqa: RUF012 (not a ClassVar: Gymnasium's base class declares it as it is)
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        """Take the compiled model; several environments may share it."""
+        """Store the compiled model, which several environments may share."""
         self.model = model
         self.data = mujoco.MjData(model)
         self.tip = self.data.site(TIP).xpos

@@ -43,7 +43,7 @@ class GymArm(gymnasium.Env[np.ndarray, np.ndarray]):
     metadata = {"render_modes": []}  # noqa: RUF012 (not a ClassVar: Gymnasium's base class declares it as it is)
 
     def __init__(self, simulator: MujocoSimulator) -> None:
-        """Take the model and the joint layout from a simulator."""
+        """Store the model and the joint layout of a simulator."""
         n = len(simulator.joints)
         self.model, self.layout, self.substeps = simulator.model, simulator.layout, simulator.substeps
         self.data = mujoco.MjData(self.model)

@@ -52,7 +52,7 @@ def draw_offset(rng: Rng, constants: Constants, joint: int, faint: bool) -> Valu
 
 
 def draw_stribeck(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
-    """Draw a break-away torque that the servo can overcome, and a kinetic friction of 20 to 75 % of it."""
+    """Draw a break-away torque that the servo can overcome, and a kinetic friction of 20 to 70 % of it."""
     return {
         "torque": float(read_torque_limits(constants)[joint]) * Span(0.08, 0.4, 0.01).draw(rng, faint),
         "kinetic_ratio": float(rng.uniform(0.2, 0.7)),

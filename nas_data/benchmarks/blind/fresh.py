@@ -241,7 +241,7 @@ def compute_oracle_error(folder: Path, answer: SealedAnswer, fresh: Fresh) -> fl
 def measure_scales(spec: mujoco.MjSpec, effect: Effect, fresh: Fresh) -> Scales:
     """Return large torque and speed at an effect's joint (the first joint for effects of the whole arm).
 
-    In a model file, a load friction is linearised about one torque and speed.
+    In a model file, a load friction is designed for one torque and speed.
     """
     joint = fresh.joints[0] if effect.joint is None else effect.joint
     gap = max(1, round(WINDOW * fresh.rate))

@@ -14,7 +14,7 @@ EFFECTS = ("coulomb_friction", "viscous_friction", "rotor_inertia", "servo_stiff
 
 
 def answer(dataset: Path, model: Path) -> Claim:
-    """Name the regressor that explains the largest share of any joint's residual; the model stays as it is."""
+    """Name the regressor that explains the largest share of any joint's residual; the model is not changed."""
     recorded = RecordedCase.load(dataset)
     n = len(recorded.joints)
     simulator = MujocoSimulator.load(model, 1 / recorded.rate, recorded.joints, threads=1)

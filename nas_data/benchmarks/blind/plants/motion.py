@@ -28,7 +28,7 @@ class Drive(Hideable, Servos):
 
     @cached_property
     def loose(self) -> np.ndarray:
-        """Whether motor and link can move relative to each other."""
+        """Whether motor and link can move relative to each other, shape (B, n)."""
         return np.asarray((self.play > 0) | np.isfinite(self.spring))
 
     @cached_property
@@ -43,42 +43,42 @@ class Drive(Hideable, Servos):
 
     @cached_property
     def rigid_armature(self) -> np.ndarray:
-        """Rotor inertia of drives that move rigidly with their link [kg m²]."""
+        """Rotor inertia of drives that are rigidly coupled to their link, else 0 [kg m²], shape (B, n)."""
         return np.where(self.loose, 0.0, self.armature)
 
     def torque(self, goal: np.ndarray, angle: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """Return the drive's torque [N m]; a servo's: gain outside the dead band, less damping, saturated."""
+        """Return the drive's torque [N m], (B, n); a servo's: gain outside the dead band, less damping, saturated."""
         error = goal + self.offset - angle
         felt = error - clip_symmetric(error, self.deadband)
         wanted = self.gain * felt - self.servo_damping * speed + self.motor * goal
         return np.asarray(np.minimum(np.maximum(wanted, self.force[..., 0]), self.force[..., 1]))
 
     def passive(self, angle: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """Return damping and cogging torque on the motor [N m]."""
+        """Return damping and cogging torque on the motor [N m], shape (B, n)."""
         losses = -(self.damping + self.viscous) * speed
         if not self.cogs.any():
             return losses
         return losses + self.cogs * np.sin(self.cog_count * angle + self.cog_phase)
 
     def budget(self, torque: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """Return the largest torque of dry friction [N m]; models M1, M2 and M3 of Rhoban/bam."""
+        """Return the largest torque of dry friction [N m], shape (B, n); models M1, M2 and M3 of Rhoban/bam."""
         if self.is_dry_friction_constant:
             return self.friction
         falling = self.kinetic_ratio + (1 - self.kinetic_ratio) * np.exp(-((speed / self.stribeck_velocity) ** 2))
         return np.asarray(self.friction + self.stribeck * falling + self.load_ratio * np.abs(torque))
 
     def pull(self, q: np.ndarray) -> np.ndarray:
-        """Return the cables' torque on the links [N m]; zero where a cable is slack."""
+        """Return the cables' torque on the links [N m], shape (B, n); zero where a cable is slack."""
         stretch = self.cable_side * (q - self.cable_angle)
         return np.asarray(-self.cable_side * self.cable * np.maximum(stretch, 0))
 
     def transmitted(self, lead: np.ndarray, rate: np.ndarray, inertia: np.ndarray) -> np.ndarray:
-        """Return the torque from motor to link through an elastic transmission or play [N m].
+        """Return the torque from motor to link through an elastic transmission or play [N m], shape (B, n).
 
         Args:
-            lead: Motor angle minus link angle [rad].
-            rate: Its rate [rad/s].
-            inertia: Inertia that a link opposes to its own motor [kg m²].
+            lead: Motor angle minus link angle [rad], shape (B, n).
+            rate: Its derivative [rad/s], shape (B, n).
+            inertia: Inertia that each link opposes to its own motor [kg m²], shape (B, n).
         """
         beyond = lead - clip_symmetric(lead, self.play)
         flank = np.minimum(self.flank, np.minimum(inertia, self.armature) * STOP_RATE**2)
@@ -207,7 +207,7 @@ class PlantState:
         return speed
 
     def _compute_goal(self) -> np.ndarray:
-        """Return the servos' goal [rad]: the delayed command, approached at a bounded rate."""
+        """Return the servos' goal [rad], shape (B, n): the delayed command, approached at a bounded rate."""
         # slightly later, so that a command counts in the step in which it is given
         if self.prompt:
             command = self.commands[:, int(self.time / self.period + 1e-6)]
