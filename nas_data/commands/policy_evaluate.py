@@ -45,7 +45,7 @@ class PolicyEvaluate(Command):
     """Serial port of the second arm, which ErgoShield needs."""
     hits: str | None = None
     """Input device that types an 's' while sword and shield touch (a MakeyMakey), or 'simulated': computed from the
-    measured poses, the default of virtual arms.
+    measured poses, as used by virtual arms.
     """
     apart: Literal["bodies", "all"] = "bodies"
     """Contacts to avoid between two arms: of their bodies, or also of the sword with the other body and the shield with
