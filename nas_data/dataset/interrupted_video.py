@@ -26,7 +26,7 @@ class FilmedSource(PassthroughSource):
         """Find the episodes in the videos.
 
         Args:
-            root: The dataset; its `meta/info.json` is whole.
+            root: The dataset; its `meta/info.json` is undamaged.
             episodes: Numbers of the episodes with rows, ascending, shape (E,).
             lengths: Number of rows of each, shape (E,).
             fps: Control rate [Hz].
@@ -86,7 +86,7 @@ def count_frames(path: Path) -> int:
     """Return the number of frames in a video file.
 
     Raises:
-        DatasetInvalid: the file is missing, or holds no whole video.
+        DatasetInvalid: the file is missing, or its video is incomplete.
     """
     import av
 

@@ -59,7 +59,7 @@ class PassthroughFeatures:
         """Return the pass-through features of undamaged episodes in a damaged dataset.
 
         Args:
-            root: The damaged dataset; its `meta/info.json` is whole.
+            root: The damaged dataset; its `meta/info.json` is undamaged.
             episodes: Numbers of the episodes.
             lengths: Frames of each episode, shape (E,).
             rescued_source: Locates the episodes if the dataset does not.

@@ -60,7 +60,7 @@ def read(path: Path) -> Dataset:
 
 
 def contradicts_rate(dataset: Dataset, stamps: np.ndarray) -> bool:
-    """Return whether LeRobot's time stamps [s], shape (N, 1), differ from frame_index / fps."""
+    """Whether LeRobot's time stamps [s], shape (N, 1), differ from frame_index / fps."""
     frame = np.arange(dataset.n_frames) - np.repeat(dataset.starts, dataset.lengths)
     allowed = np.maximum(STAMP_TOLERANCE, np.spacing(np.abs(stamps[:, 0]).astype(np.float32)))
     return bool((np.abs(stamps[:, 0] - frame / dataset.fps) > allowed).any())

@@ -182,7 +182,7 @@ def _explain_failure(root: Path, reports: Sequence[str], left: Sequence[int]) ->
 
 
 def _is_whole(root: Path, provenance: Provenance | None) -> bool:
-    """Return whether a dataset is readable and its metadata agree with its rows."""
+    """Whether a dataset is readable and its metadata agree with its rows."""
     if not (root / layout.TASKS).is_file():
         return False
     automatic = {key: Feature((key,), dtype=dtype) for key, dtype in layout.AUTOMATIC.items()}
@@ -234,7 +234,7 @@ def _recover_passthrough(
 
 
 def _strip_remedy(error: DatasetInvalid) -> str:
-    """Return what is wrong without the remedy."""
+    """Return an error message without its remedy."""
     return str(error).partition(";")[0].rstrip(".")
 
 

@@ -33,7 +33,7 @@ def staging_folder(root: Path) -> Iterator[Path]:
 
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """Hold the lock of a folder while the context is open, or until the process ends; wait for it first.
+    """Wait for the lock of a folder, and hold it while the context is open or until the process ends.
 
     `filelock` locks files only. A folder keeps its lock when it is renamed, and no lock file remains.
     """
@@ -129,7 +129,7 @@ def flush_folder(folder: Path) -> None:
 
 
 def find_leftovers(folder: Path, name: str = "*") -> list[Path]:
-    """Return the hidden folders of killed writers in a folder, without those that are being written."""
+    """Return the hidden folders of killed writers in a folder, without folders of running ones."""
     return [path for path in sorted(folder.glob(f".{name}{MARK}*")) if path.is_dir() and not _is_locked(path)]
 
 

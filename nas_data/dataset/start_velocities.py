@@ -176,7 +176,7 @@ def estimate_velocity_noise(velocities: Sequence[np.ndarray], effort: bool) -> f
 def detect_derived_velocities(
     positions: Sequence[np.ndarray], velocities: Sequence[np.ndarray], fps: float
 ) -> np.ndarray:
-    """Return whether the velocities of each joint were computed from positions by a common formula; shape (n,).
+    """Return a mask of the joints whose velocities were computed from positions by a common formula, shape (n,).
 
     Args:
         positions: Positions of each episode [rad], shape (T, n).

@@ -67,7 +67,7 @@ class Expected:
     remedies: Remedies | None = None
 
     def find_commanded(self, joints: Sequence[str], kind: str) -> np.ndarray:
-        """Return which joints are commanded one quantity, as a mask of shape (n,)."""
+        """Return a mask of the joints that are commanded a given quantity, shape (n,)."""
         return np.array([self.kinds.get(joint, POSITION) == kind for joint in joints], bool)
 
 

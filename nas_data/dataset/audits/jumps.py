@@ -11,7 +11,7 @@ WHOLE_TURN = 2 * np.pi  # [rad]
 
 
 def find_whole_turns(moves: np.ndarray) -> np.ndarray:
-    """Return which steps of a hinge's position [rad] are a whole turn to within 10 %, a mask of the same shape."""
+    """Return a mask of the steps of a hinge's position [rad] that are a whole turn to within 10 %, same shape."""
     return np.abs(np.abs(moves) - WHOLE_TURN) < 0.1 * WHOLE_TURN
 
 

@@ -48,7 +48,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
 
 
 def _find_repeated_rows(recording: Recording) -> np.ndarray:
-    """Return which rows repeat position and velocity of all joints, shape (N,).
+    """Return a mask of the rows that repeat position and velocity of all joints, shape (N,).
 
     A velocity register that changes proves a fresh reading.
     """
@@ -60,7 +60,7 @@ def _find_repeated_rows(recording: Recording) -> np.ndarray:
 
 
 def _find_moving_rows(recording: Recording, expected: Expected) -> np.ndarray:
-    """Return which rows lie in a motion that must change the next reading, shape (N,).
+    """Return a mask of the rows in a motion that must change the next reading, shape (N,).
 
     The motion per row is that of the velocity register. Without one, it is the smaller of the mean moves before and
     after the row, if both have one direction; the average prevents a repeat from hiding itself.
@@ -94,7 +94,7 @@ def _describe_pattern(stale: np.ndarray, rate: float) -> str:
 
 
 def _find_held_rows(recording: Recording, expected: Expected, same: np.ndarray) -> np.ndarray:
-    """Return which repeated rows belong to a long run in which the command keeps moving, shape (N,)."""
+    """Return a mask of the repeated rows in long runs during which the command keeps moving, shape (N,)."""
     held = np.zeros(len(recording), bool)
     positional = expected.find_commanded(recording.joints, POSITION)
     least = COMMANDED * np.where(positional, find_radian_equivalents(recording, expected), 1.0)
@@ -107,7 +107,7 @@ def _find_held_rows(recording: Recording, expected: Expected, same: np.ndarray) 
 
 
 def _report_stuck_joints(recording: Recording, expected: Expected, said: np.ndarray) -> list[AuditFinding]:
-    """Report position servos whose reading alone stands still for long while their command moves far."""
+    """Report position servos whose reading alone is constant for long while their command moves far."""
     found, radians = [], find_radian_equivalents(recording, expected)
     released = (recording.signals.get(TORQUE, np.ones((len(recording), 1))) == 0).any(axis=1)
     for index in np.flatnonzero(expected.find_commanded(recording.joints, POSITION)):

@@ -62,7 +62,7 @@ def measure_rate(time: np.ndarray) -> float:
 
 
 def find_holes(steps: np.ndarray, period: float) -> np.ndarray:
-    """Return which steps [s] are gaps in the measurement, shape (N,); `period` [s] is the typical step."""
+    """Return a mask of the steps [s] that are gaps in the measurement, shape (N,); `period` [s] is the typical step."""
     return np.asarray(steps > max(MISSING * period, SECONDS))
 
 
@@ -84,7 +84,7 @@ def _check_rate(recording: Recording, steps: np.ndarray, expected: Expected) -> 
     if not whole.size:
         return []
     rates = [float(1 / np.median(whole))]
-    if len(whole) == len(steps):  # alternating steps have no representative median; the mean over all is used
+    if len(whole) == len(steps):  # alternating steps have no representative median: the slope over all rows is tried, too
         rates.append(1 / float(np.polyfit(np.arange(len(recording)), recording.time, 1)[0]))
     nearest = min(rates, key=lambda rate: abs(rate / expected.rate - 1))
     off = abs(nearest / expected.rate - 1)

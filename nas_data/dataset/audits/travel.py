@@ -50,7 +50,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
 def _find_contradicting_rows(
     recording: Recording, expected: Expected, index: int, fit: VelocityFit, radian: float
 ) -> np.ndarray:
-    """Return which rows lie in long runs of windows whose mean speeds disagree, shape (N,)."""
+    """Return a mask of the rows in long runs of windows whose mean speeds disagree, shape (N,)."""
     assert recording.velocities is not None
     rows = max(round(WINDOW_SECONDS * expected.rate), ROWS)
     once = np.concatenate([[True], np.diff(recording.time) > 0])
@@ -76,7 +76,7 @@ def _find_contradicting_rows(
 
 
 def _find_frozen_rows(recording: Recording, expected: Expected, index: int, radian: float) -> np.ndarray:
-    """Return which rows repeat a position for long while the register shows motion, whatever its delay, shape (N,)."""
+    """Return a mask of the rows with a long constant position while the register shows motion, shape (N,)."""
     assert recording.velocities is not None
     position, register = recording.positions[:, index], recording.velocities[:, index]
     frozen = np.zeros(len(recording), bool)
