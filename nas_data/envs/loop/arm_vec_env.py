@@ -67,7 +67,7 @@ class ArmVecEnv(VecEnv):
         return self._seen.copy()
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Take the actions (B, a)."""
+        """Store the actions (B, a) for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, object]]]:
