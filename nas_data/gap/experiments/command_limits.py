@@ -103,5 +103,5 @@ def find_rest_pose(nominal: Nominal) -> np.ndarray:
 
 
 def mask_joints(joints: Sequence[str], moved: Sequence[str]) -> np.ndarray:
-    """Return which joints are in `moved`, shape (n,)."""
+    """Return a mask of the joints in `moved`, shape (n,)."""
     return np.array([joint in moved for joint in joints])

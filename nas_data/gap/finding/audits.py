@@ -163,12 +163,12 @@ def join_chosen(evidence: EpisodeBatch, chosen: np.ndarray) -> str:
 
 
 def find_constant_commands(evidence: EpisodeBatch) -> np.ndarray:
-    """Return which joints have constant commands, shape (n,)."""
+    """Return a mask of the joints with constant commands, shape (n,)."""
     return np.asarray(np.ptp(evidence.commands[evidence.mask], axis=0) <= CONSTANT_TOLERANCE)
 
 
 def find_unmoved_joints(evidence: EpisodeBatch, floor: np.ndarray) -> np.ndarray:
-    """Return which joints do not move in any episode, shape (n,)."""
+    """Return a mask of the joints that do not move in any episode, shape (n,)."""
     span = np.ptp(np.concatenate([evidence.initial_positions[:, None], evidence.measured], axis=1), axis=1)
     return np.asarray(span.max(axis=0) <= RESTING_FLOORS * floor)
 
@@ -220,7 +220,7 @@ def describe_shares(examined: Examined, values: np.ndarray) -> str:
 
 
 def find_out_of_range(examined: Examined) -> np.ndarray:
-    """Return which commands lie outside the model's range, shape (E, T, n)."""
+    """Return a mask of the commands outside the model's range, shape (E, T, n)."""
     simulator = examined.nominal.simulator()
     low, high = command_limits(simulator.model, simulator.joints, str(simulator.robot.mjcf))
     commands = examined.recorded.evidence.commands
