@@ -123,7 +123,7 @@ class Sts3215(ServoSeries):
     protocol = FEETECH
 
     def is_persistent(self, register: ControlTableEntry) -> bool:
-        """Return whether a register survives a loss of power."""
+        """Whether a register survives a loss of power."""
         return register.address < RAM or register.address >= FACTORY
 
     def is_locked(self, servo: "VirtualServo", register: ControlTableEntry) -> bool:
@@ -173,7 +173,7 @@ class Sts3215(ServoSeries):
         return servo.get("hardware_error")
 
     def answers(self, servo: "VirtualServo", instruction: int) -> bool:
-        """Return whether a servo answers an instruction at its status level."""
+        """Whether a servo answers an instruction at its status level."""
         return bool(servo.get("status_level")) or instruction in (Instruction.PING, Instruction.READ)
 
 

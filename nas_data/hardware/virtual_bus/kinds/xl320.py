@@ -27,7 +27,7 @@ class Xl320Kind(ServoSeries):
     unloads = "torque_limit"
 
     def is_persistent(self, register: table.ControlTableEntry) -> bool:
-        """Return whether a register survives a loss of power."""
+        """Whether a register survives a loss of power."""
         return register.address < table.RAM
 
     def drive(self, servo: "VirtualServo") -> ServoDrive:

@@ -66,7 +66,7 @@ class XSeries(ServoSeries):
         self.supply, self.stall_torque, self.stall_current, self._gain = supply, torque, current, gain
 
     def is_persistent(self, register: ControlTableEntry) -> bool:
-        """Return whether a register survives a loss of power."""
+        """Whether a register survives a loss of power."""
         return register.address < RAM
 
     def drive(self, servo: "VirtualServo") -> ServoDrive:
