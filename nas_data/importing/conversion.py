@@ -61,7 +61,7 @@ class Conversion:
 
 
 def parse_conversion(section: MapSection, kind: Kind, joints: Sequence[str]) -> Conversion:
-    """Take the conversion keys from a quantity's table; its `joints` sub-tables override them.
+    """Read the conversion keys of a quantity's table; its `joints` sub-tables override them.
 
     Raises:
         MapError: a unit or joint is unknown, a key is missing, or a list has a wrong length.
@@ -154,7 +154,7 @@ def _read_range(section: MapSection, kind: Kind) -> tuple[float, float]:
 
 
 def check_encoding(section: MapSection) -> str:
-    """Take the key `encoding`: sign encoding of a raw register; empty for plain numbers."""
+    """Read the key `encoding`: sign encoding of a raw register; empty for plain numbers."""
     encoding = section.text("encoding", "")
     if encoding and not re.fullmatch(r"int(8|16|32)|sign_magnitude_([1-9]|[12]\d|30)", encoding):
         raise section.error(
