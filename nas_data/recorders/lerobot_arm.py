@@ -113,7 +113,7 @@ class LeRobotArm:
         refuse_outside(self, self.read().positions)
 
     def configure(self) -> None:
-        """Let LeRobot configure the servos, after their goals are set to the present pose: it switches the torque on.
+        """Let LeRobot configure the servos, which switches the torque on; goals are set to the present pose first.
 
         Raises:
             ArmError: a servo refuses a setting.
