@@ -212,7 +212,7 @@ def keep_equalities(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def find_ties(equalities: mujoco.MjModel, joint_space: bool) -> np.ndarray:
-    """Return which degrees of freedom each row of the constraints depends on, shape (rows, nv).
+    """Return a mask of the degrees of freedom that each constraint row depends on, shape (rows, nv).
 
     Args:
         equalities: The model with equality constraints only.
