@@ -149,7 +149,7 @@ def find_sufficient_count(counts: tuple[int, ...], returns: np.ndarray) -> int:
 
 
 def describe_sufficient_count(method: str, counts: tuple[int, ...], returns: np.ndarray) -> str:
-    """Say how many trajectories are enough for a method; a single number cannot tell."""
+    """Describe the sufficient number of trajectories of a method; a single count is not conclusive."""
     medians = np.median(returns, axis=1)
     if len(counts) == 1:
         return (
