@@ -84,7 +84,7 @@ def _check_rate(recording: Recording, steps: np.ndarray, expected: Expected) -> 
     if not whole.size:
         return []
     rates = [float(1 / np.median(whole))]
-    if len(whole) == len(steps):  # alternating steps have no representative median: the slope over all rows is tried, too
+    if len(whole) == len(steps):  # alternating steps have no representative median: a line through all is tried
         rates.append(1 / float(np.polyfit(np.arange(len(recording)), recording.time, 1)[0]))
     nearest = min(rates, key=lambda rate: abs(rate / expected.rate - 1))
     off = abs(nearest / expected.rate - 1)
