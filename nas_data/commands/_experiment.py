@@ -72,8 +72,7 @@ class PolicyExperimentCommand(ExperimentCommand):
     """Control steps of each policy; two million by default, as in the paper."""
     ppo: Literal["ours", "authors"] = "ours"
     """Hyperparameters of PPO: ours, 16 arms × 512 steps per rollout, as long as in the paper's robot experiments; or
-    the authors' in simulation, one arm × 2048 steps, 32 minibatches of 64, 10 epochs.
-    """
+    the authors' in simulation, one arm × 2048 steps, 32 minibatches of 64, 10 epochs."""
 
     def sizes(self) -> "Sizes":
         """Return the sizes of the experiment with the given options."""

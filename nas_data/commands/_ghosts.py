@@ -20,8 +20,7 @@ class ShowsEpisode(TakesModel):
     """Dataset: a version's folder, or datasets/NAME for its newest version."""
     model: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """Model file or robot to show with the measured arm; may be given several times. Default: the source stored with
-    the dataset.
-    """
+    the dataset."""
     engine: str | None = None
     """Physics engine of the models: mujoco or bullet. Default: mujoco for given models, else that of the pairing."""
     episode: int = 0

@@ -28,8 +28,7 @@ class Train(TakesModel):
     preset: str = "fast"
     """Hyperparameters: fast; few, for recordings of a few minutes (one layer, short windows, strong weight decay);
     symmetric, for equally short recordings of a torque-controlled arm whose model states its symmetries (φ corrects
-    the torques); or paper (teacher forcing, batch 1, learning rate 0.01, 250 epochs).
-    """
+    the torques); or paper (teacher forcing, batch 1, learning rate 0.01, 250 epochs)."""
     hidden: int | None = None
     """Units of each LSTM layer (128, 256 or 100 in the paper)."""
     epochs: int | None = None

@@ -48,9 +48,7 @@ class Ablate(TakesModel):
     held_out: float = 0.2
     """Share of the held-out episodes."""
     effects: Path | None = None
-    """A gap report's folder, or its effects.json, for named kinds; by default `nas gap` runs on each subset, in
-    minutes.
-    """
+    """A gap report's folder, or its effects.json, for named kinds; by default, `nas gap` runs on each subset."""
     model: str | None = None
     """Source, a model file or robot; only needed if the dataset stores none."""
     engine: str | None = None
@@ -69,8 +67,7 @@ class Ablate(TakesModel):
     """Parallel trials, each in a process of one thread."""
     executor: str = "local"
     """Where trials run: local, on this machine, or ray, on the cluster in RAY_ADDRESS (pip install 'nas_data[ray]'),
-    whose machines share the working directory.
-    """
+    whose machines share the working directory."""
     retry: bool = False
     """Run failed trials again."""
     out: Path = Path("runs/ablation")

@@ -19,8 +19,7 @@ class BenchmarkGap(Command):
 
     families: str = "one,two,three,none,outside"
     """Hidden effects: one, two or three, none, every (one effect in every joint), or outside (not in the catalogue);
-    separated by commas.
-    """
+    separated by commas."""
     plants: str = "numpy,bullet"
     """Simulators that stand in for the robot: numpy, bullet, or mujoco for comparison; separated by commas."""
     cases: int = 40
@@ -32,8 +31,7 @@ class BenchmarkGap(Command):
     setting: str = "xl320"
     """Kind of cases: xl320 (one size, rate and resolution), any (2 to 7 joints of any size and rate), poor (the same in
     five episodes at 20 Hz), far (models with 3 to 50 times the true gain), torque (1 to 3 torque-controlled hinges
-    or slides, episodes that begin in motion), or small (two joints, a few short episodes).
-    """
+    or slides, episodes that begin in motion), or small (two joints, a few short episodes)."""
     power: bool = False
     """Hide effects from 0.3 noise floors upwards, to measure which sizes are found."""
     baselines: str = ""

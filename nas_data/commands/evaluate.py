@@ -24,14 +24,12 @@ class Evaluate(TakesModel):
 
     checkpoint: tyro.conf.Positional[Path]
     """Folder written by `nas train` (the run's folder, or its `checkpoint`), or a model: an MJCF or URDF file, or a
-    robot's name.
-    """
+    robot's name."""
     dataset: tyro.conf.Positional[Path]
     """Dataset to evaluate on; it need not be paired."""
     model: str | None = None
     """Source: the model that φ corrects, or that a model file is compared with. Default: the one stored with the
-    checkpoint or dataset.
-    """
+    checkpoint or dataset."""
     engine: str | None = None
     """Physics engine of the source: mujoco or bullet. Default: that of the pairing if it is stored, else mujoco."""
     episodes: tuple[int, ...] = ()

@@ -23,13 +23,11 @@ class ExperimentFigure6(PolicyExperimentCommand):
     counts: tuple[int, ...] = ()
     """Numbers of trajectories; 10 to 2000 by default. They are subsets of one recording of 2000 (with --quick 40), so
     that others can be added later without repeating work. A larger number needs a larger recording and repeats
-    everything.
-    """
+    everything."""
     methods: tuple[str, ...] = ()
     """Methods: nas (source + φ; default), forward (ψ), named (the source with the effects that `nas gap` names),
     named_nas (and φ on top), nas_few (source + φ, trained by the preset `few`), nas_symmetric (source + φ, by the
-    preset `symmetric`).
-    """
+    preset `symmetric`)."""
 
     def chosen_methods(self) -> tuple[str, ...]:
         """Return the methods to compare."""

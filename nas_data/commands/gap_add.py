@@ -32,8 +32,7 @@ class GapAdd(TakesModel):
     """Folder for model.xml."""
     export: Literal["bam", "csv"] | None = None
     """Also write the identified parameters: bam/JOINT.json for Rhoban's BAM, or parameters.csv with gain, servo
-    damping, armature, friction, delay, limits and mass of every joint, and ranges for domain randomisation.
-    """
+    damping, armature, friction, delay, limits and mass of every joint, and ranges for domain randomisation."""
 
     def run(self) -> CommandResult:
         """Write the model and score it."""

@@ -37,18 +37,15 @@ class ImportLogs(Command):
     """Logs, folders of logs, or LeRobot datasets."""
     map: str | None = None
     """Mapping file (TOML), or the name of an included one such as so101_npz or so101_lerobot. None for a LeRobot
-    dataset in radians.
-    """
+    dataset in radians."""
     unit: str | None = None
     """Unit of a LeRobot dataset: deg, range (−100 … 100, with --calibration) or rad. With a map it is inferred from the
-    readings by default; without a map, every joint has this unit.
-    """
+    readings by default; without a map, every joint has this unit."""
     calibration: Path | None = None
     """LeRobot's calibration file (JSON) of the recorded robot; required to convert −100 … 100."""
     model: str | None = None
     """Model of the robot, to check sign and zero of each joint against limits and gravity. Without a map, it also gives
-    the range of a gripper.
-    """
+    the range of a gripper."""
     rate: float | None = None
     """Rows per second [Hz] of a LeRobot dataset; its own fps by default."""
     uniform: bool = False

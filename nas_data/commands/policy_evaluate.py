@@ -45,16 +45,13 @@ class PolicyEvaluate(Command):
     """Serial port of the second arm, which ErgoShield needs."""
     hits: str | None = None
     """Input device that types an 's' while sword and shield touch (a MakeyMakey), or 'simulated': computed from the
-    measured poses, as used by virtual arms.
-    """
+    measured poses, as used by virtual arms."""
     apart: Literal["bodies", "all"] = "bodies"
     """Contacts to avoid between two arms: of their bodies, or also of the sword with the other body and the shield with
-    this one, which do not collide in simulation.
-    """
+    this one, which do not collide in simulation."""
     record: str | None = None
     """Record readings, commands and rewards as the next version of datasets/RECORD; after an interruption, the same
-    command resumes after the last saved episode.
-    """
+    command resumes after the last saved episode."""
     finish: bool = False
     """Roll out no more episodes: write the dataset of the saved ones."""
     speed: float = 1.745

@@ -24,14 +24,11 @@ class PolicyTrain(Command):
     """Environment."""
     on: Literal["source", "named", "target", "augmented", "forward"] = "source"
     """Training environment: the plain model, the model with named effects, the target itself (the expert), the model
-    corrected by φ (and by named effects with --effects), or ψ alone.
-    """
+    corrected by φ (and by named effects with --effects), or ψ alone."""
     checkpoint: Path | None = None
     """Folder of the learned model φ or ψ, for `augmented` and `forward`."""
     effects: Path | None = None
-    """A gap report's folder, or its effects.json, for `named`; for `augmented` if φ was trained on top of these
-    effects.
-    """
+    """A gap report's folder, or its effects.json, for `named`, or for `augmented` if φ was trained on top of it."""
     dynamics: str = "backlash"
     """Dynamics of the target, for `target`: one of the environment's dynamics."""
     engine: Literal["mujoco", "bullet"] = "mujoco"

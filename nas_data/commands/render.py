@@ -18,9 +18,7 @@ class Render(ShowsEpisode):
     """
 
     out: Path = Path("film.mp4")
-    """Output video; a picture with the same name and suffix .png is written as well. With suffix .png, only the
-    picture.
-    """
+    """Output video; a picture with suffix .png is written as well. With suffix .png, only the picture."""
     at: float | None = None
     """Time of the picture [s after the episode's start]; by default when the first model has its largest error."""
     start: float = 0.0

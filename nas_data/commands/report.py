@@ -25,8 +25,7 @@ class Report(Command):
 
     runs: tyro.conf.Positional[tuple[Path, ...]]
     """Folders written by `nas train`, `nas policy train`, a comparison, `nas demo`, `nas gap` or `nas ablate`, parents
-    of such folders, or datasets.
-    """
+    of such folders, or datasets."""
     out: Path = Path("report.html")
     """Output page; an earlier page of `nas report` is replaced."""
 
