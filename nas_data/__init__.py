@@ -1,6 +1,6 @@
 """Neural-augmented robot simulation: paired recordings in, better simulators and transferable policies out.
 
-`import nas_data as nas` is all that a notebook needs; what a name needs is loaded when it is first used.
+`import nas_data as nas` is all that a notebook needs; each name is imported on first use.
 """
 
 from importlib import import_module
@@ -50,12 +50,12 @@ HOMES = {
     "record": "api.recording",
     "train_delta": "api.training",
     "train_forward": "api.training",
-}  # the module of each name, which a type checker reads above
+}  # name → module; type checkers read the imports above
 
-if not TYPE_CHECKING:  # a type checker would take every other name for one, too
+if not TYPE_CHECKING:  # with `__getattr__`, a type checker would accept every other name as well
 
     def __getattr__(name: str) -> object:
-        """Load a name when it is first used (PEP 562)."""
+        """Import a name on first use (PEP 562)."""
         if name not in HOMES:
             raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
         value = getattr(import_module(f"{__name__}.{HOMES[name]}"), name)
@@ -64,7 +64,7 @@ if not TYPE_CHECKING:  # a type checker would take every other name for one, too
 
 
 def __dir__() -> list[str]:
-    """Return the names that there are, loaded or not."""
+    """Return all public names, imported or not."""
     return sorted({*__all__, *globals()})
 
 

@@ -1,4 +1,4 @@
-"""`python -m nas_data` is the program `nas`."""
+"""`python -m nas_data` runs the program `nas`."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""The type of an array in signatures that a strict type checker reads; docstrings say shape and unit."""
+"""The array type for signatures; docstrings state shape and unit."""
 
 from typing import Any, TypeAlias
 

@@ -1,4 +1,4 @@
-"""The program `nas`: finds the command file that the words name, reads its options with tyro and runs it."""
+"""The program `nas`: finds the command's file, parses its options with tyro and runs it."""
 
 import contextlib
 import importlib
@@ -21,23 +21,23 @@ if TYPE_CHECKING:
     from nas_data.commands.base import Command
 
 COMMANDS = Path(__file__).parent / "commands"
-ARGUMENT = 4  # columns by which tyro indents an option that is missing; its help text stands deeper
+ARGUMENT = 4  # indentation [columns] of a missing option in tyro's message; its help text is indented more
 
 
 def list_command_files() -> dict[str, Path]:
-    """Return the file of every command by its words, for example 'policy train'."""
+    """Return command → file, for example for 'policy train'."""
     files = [path for path in list_visible_files(COMMANDS, "*.py") if path.stem != "base" and path.stem[0] != "_"]
     return {path.stem.rstrip("_").replace("_", " "): path for path in files}
 
 
 def read_summary(path: Path) -> str:
-    """Return the first line of a command file, which is the sentence that its docstring begins with."""
+    """Return the summary line of a command file's docstring."""
     with path.open(encoding="utf-8") as file:
         return file.readline().strip().strip('"')
 
 
 def format_overview(prefix: str = "") -> str:
-    """Return the list of commands whose words start with a prefix."""
+    """Return the list of commands that start with a prefix."""
     chosen = {name: path for name, path in list_command_files().items() if name.startswith(prefix)}
     width = max((len(name) for name in chosen), default=0)
     lines = [f"usage: nas {prefix + ' ' if prefix else ''}COMMAND [OPTIONS]", ""]
@@ -59,7 +59,7 @@ def split(arguments: Sequence[str]) -> tuple[str | None, list[str]]:
 
 
 def load_command_class(name: str) -> "type[Command]":
-    """Import the one command class of a command's file."""
+    """Import the command class of a command's file."""
     from nas_data.commands.base import Command
 
     module = importlib.import_module(f"nas_data.commands.{list_command_files()[name].stem}")
@@ -70,7 +70,7 @@ def load_command_class(name: str) -> "type[Command]":
 
 
 def fail(message: str, as_json: bool) -> int:
-    """Say one sentence on stderr (and in JSON where asked for) and return exit code 2."""
+    """Print an error to stderr (and as JSON if requested) and return exit code 2."""
     if as_json:
         print(json.dumps({"error": message}))
     logger.error(f"nas: {message}")
@@ -78,7 +78,7 @@ def fail(message: str, as_json: bool) -> int:
 
 
 def describe_refusal(error: OSError) -> str:
-    """Say in a sentence what the operating system refused, and of which file."""
+    """Describe an error of the operating system, with the file it concerns."""
     reason = " ".join((error.strerror or str(error)).split())
     if error.filename is None:
         return f"A file could not be read or written: {reason}."
@@ -86,7 +86,7 @@ def describe_refusal(error: OSError) -> str:
 
 
 def answer_unknown(arguments: Sequence[str]) -> int:
-    """Answer words that are no command: the commands that start alike, or a sentence."""
+    """Answer an unknown command: list the commands with the same prefix, or print an error."""
     word = arguments[0]
     if any(name.startswith(word + " ") for name in list_command_files()) and set(arguments[1:]) <= {"-h", "--help"}:
         print(format_overview(word))
@@ -99,7 +99,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program and return its exit code: 0 success, 1 a negative answer, 2 bad input, 130 interrupted."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal whose locale lacks φ gets "?" instead, and every result
+            stream.reconfigure(errors="replace")  # a terminal whose locale lacks φ shows "?" instead of failing
     show()
     try:
         return answer(list(sys.argv[1:] if arguments is None else arguments))
@@ -109,12 +109,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def handle_broken_pipe() -> None:
-    """Discard pending output: its reader (head, less) has closed the pipe, and Python would report that at exit."""
+    """Discard pending output after its reader (head, less) closed the pipe; Python would report that at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def answer(arguments: list[str]) -> int:
-    """Do what the arguments ask for and return the exit code; see `main`."""
+    """Run the command in the arguments and return the exit code, as `main` does."""
     if not arguments or arguments[0] in {"-h", "--help"}:
         print(format_overview())
         return 0 if arguments else 2
@@ -128,27 +128,27 @@ def answer(arguments: list[str]) -> int:
 
 
 def parse(name: str, rest: list[str]) -> "Command":
-    """Read a command's options.
+    """Parse a command's options.
 
     Raises:
-        OptionError: options are missing or unknown, and the answer is for a machine.
-        SystemExit: the same for a person, who has been told in tyro's words; or help was asked for.
+        OptionError: options are missing or unknown, and the output is JSON.
+        SystemExit: the same, after tyro has printed its message; or help was requested.
     """
     import tyro
 
-    kind, said = load_command_class(name), io.StringIO()
-    heard = contextlib.redirect_stderr(said) if "--json" in rest else contextlib.nullcontext()
+    kind, captured = load_command_class(name), io.StringIO()
+    redirected = contextlib.redirect_stderr(captured) if "--json" in rest else contextlib.nullcontext()
     try:
-        with heard:
+        with redirected:
             return tyro.cli(kind, args=kind.spell(rest), prog=f"nas {name}", config=(tyro.conf.FlagCreatePairsOff,))
     except SystemExit as stop:
-        if stop.code and said.getvalue():
-            raise OptionError(f"{strip_box(said.getvalue())}; see: nas {name} --help") from None
+        if stop.code and captured.getvalue():
+            raise OptionError(f"{strip_box(captured.getvalue())}; see: nas {name} --help") from None
         raise
 
 
 def strip_box(text: str) -> str:
-    """Return what a box of tyro's says in one line: no frame, no title, no help texts, nothing below its rule."""
+    """Return the message of one of tyro's boxes as one line, without frame, title and help texts."""
     inside = [line.strip("│ ╭╮╰╯─") and line[2:].rstrip("│ ") for line in text.splitlines()[1:]]
     above = itertools.takewhile(bool, inside)
     shallow = [line.strip() for line in above if len(line) - len(line.lstrip()) <= ARGUMENT]
@@ -165,7 +165,7 @@ def run(name: str, rest: list[str]) -> int:
         outcome = command.run()
     except NasError as error:
         return fail(str(error), command.json)
-    except OSError as error:  # nobody can repair a full disk or a missing permission, but it has a name
+    except OSError as error:  # a full disk or a missing permission cannot be repaired here, only reported
         return fail(describe_refusal(error), command.json)
     except KeyboardInterrupt:
         return fail("interrupted; what was finished is kept.", command.json) and 130

@@ -1,4 +1,4 @@
-"""Files of commands: CSV with a column per joint, one row a control step."""
+"""Command files: CSV with one column per joint and one row per control step."""
 
 import csv
 import math
@@ -11,7 +11,7 @@ from nas_data.count_of import count_of
 from nas_data.errors import JointMismatch, LogError, OptionError
 
 EPISODE = "episode"
-SLACK = 1e-6  # [rad or N·m] by which rounded numbers may exceed a limit
+SLACK = 1e-6  # [rad or N·m] tolerance of limits, for rounded numbers
 
 
 def write_commands(path: Path, names: Sequence[str], episodes: Iterable[np.ndarray]) -> None:

@@ -1,16 +1,16 @@
-"""Counts and lists as people write them: `1 episode`, `2 episodes`; `a, b and c`."""
+"""Formatting of counts and lists in sentences: `1 episode`, `2 episodes`; `a, b and c`."""
 
 from collections.abc import Sequence
 
 
 def count_of(count: int, noun: str, form: str = "", plural: str = "") -> str:
-    """Return a count with its noun, in the singular where it is one.
+    """Return a count with its noun, singular for 1.
 
     Args:
-        count: How many.
-        noun: What, in the singular.
+        count: Number.
+        noun: Singular noun.
         form: Format of the number, such as `,` for thousands.
-        plural: The noun's plural where it is not made with an s.
+        plural: Irregular plural; empty for one with s.
     """
     return f"{count:{form}} {noun if count == 1 else plural or f'{noun}s'}"
 

@@ -1,7 +1,7 @@
-"""The environments' names in Gymnasium's registry, where they stand as soon as both packages are loaded.
+"""Registration of the environments with Gymnasium as soon as both packages are imported.
 
-`gymnasium.make("nas_data:nas/ErgoReacher-v0")` imports `nas_data` and looks the name up, in worker processes too.
-Gymnasium takes longer to load than `nas --help` may, so `nas_data` does not import it: it waits for who does.
+`gymnasium.make("nas_data:nas/ErgoReacher-v0")` imports `nas_data` first, in worker processes too. Importing Gymnasium
+takes longer than `nas --help` may, so registration waits until some other code imports it.
 """
 
 import sys
@@ -15,17 +15,17 @@ GYMNASIUM = "gymnasium"
 
 
 def make_environment_name(task: str) -> str:
-    """Return a task's name as an environment: `ergo_reacher` → `ErgoReacher`."""
+    """Return the environment name of a task: `ergo_reacher` → `ErgoReacher`."""
     return "".join(word.capitalize() for word in task.split("_"))
 
 
 def make_environment_id(task: str) -> str:
-    """Return a task's name as Gymnasium registers it: `ergo_reacher` → `nas/ErgoReacher-v0`."""
+    """Return the Gymnasium ID of a task: `ergo_reacher` → `nas/ErgoReacher-v0`."""
     return f"nas/{make_environment_name(task)}-v0"
 
 
 def register_when_loaded() -> None:
-    """Register every environment with Gymnasium: at once, or at the end of its import."""
+    """Register every environment with Gymnasium: immediately, or after its import."""
     if GYMNASIUM in sys.modules:
         register()
     else:
@@ -43,12 +43,12 @@ def register() -> None:
 
 
 class Finder:
-    """Finds Gymnasium as Python would, and lets the registration follow its import (see `sys.meta_path`)."""
+    """Import hook (see `sys.meta_path`) that registers the environments after Gymnasium's import."""
 
     def find_spec(
         self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Return how Gymnasium is loaded; None for every other module."""
+        """Return Gymnasium's module spec with registration added to its loader; None for other modules."""
         if name != GYMNASIUM:
             return None
         sys.meta_path.remove(self)

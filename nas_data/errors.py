@@ -1,13 +1,13 @@
-"""The one family of errors: each says what was wrong, with the value, and what would be right."""
+"""Exceptions; each message states what was wrong, with the value, and what would be right."""
 
 from collections.abc import Iterable
 
 
 class NasError(Exception):
-    """Base of every error a user can cause; the program prints its sentence and exits with code 2."""
+    """Base of all errors that a user can cause; the program prints the message and exits with code 2."""
 
     def __str__(self) -> str:
-        """Return the sentence as it was given (KeyError would quote it)."""
+        """Return the message unquoted, unlike KeyError."""
         return " ".join(str(argument) for argument in self.args)
 
 
@@ -48,7 +48,7 @@ class BeingWritten(NasError, BlockingIOError):
 
 
 class CannotWrite(NasError, OSError):
-    """A result cannot be written where it should lie."""
+    """An output path is not writable."""
 
 
 class OptionError(NasError, ValueError):
@@ -60,15 +60,15 @@ class MissingPackage(NasError, ImportError):
 
 
 class SimulationDiverged(NasError, ArithmeticError):
-    """A simulation, plain or learned, left all bounds."""
+    """A physics or learned simulation diverged."""
 
 
 class WorkerLost(NasError, RuntimeError):
-    """A worker process ended before its work was done."""
+    """A worker process died before its work was done."""
 
 
 class JobsFailed(NasError, RuntimeError):
-    """Several of many independent jobs could not be done; the others are."""
+    """Some of many independent jobs failed; the others are done."""
 
 
 class UnknownName(NasError, LookupError):
@@ -78,12 +78,12 @@ class UnknownName(NasError, LookupError):
         super().__init__(f"There is no {kind} '{name}'; choose one of: {', '.join(sorted(choices))}.")
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Return how it crosses to another process: as its sentence, which is made."""
+        """Pickle the message, because the constructor takes other arguments."""
         return UnknownName.__new__, (UnknownName, *self.args)
 
 
 class ArmError(NasError, RuntimeError):
-    """Base of what goes wrong with servos, their line or their supply."""
+    """Base of errors of servos, bus or power supply."""
 
 
 class NoSuchPort(ArmError, FileNotFoundError):
@@ -99,7 +99,7 @@ class PortBusy(ArmError):
 
 
 class AdapterLost(ArmError):
-    """The adapter was pulled out while it was used."""
+    """The USB adapter was disconnected while in use."""
 
 
 class NobodyAnswers(ArmError):
@@ -107,39 +107,39 @@ class NobodyAnswers(ArmError):
 
 
 class ServoSilent(ArmError):
-    """A servo that should be there does not answer."""
+    """An expected servo does not answer."""
 
 
 class BadReply(ArmError):
-    """What a servo answers cannot be trusted."""
+    """A servo's replies are unreliable."""
 
 
 class WrongModel(ArmError):
-    """A servo is of another series."""
+    """A servo is of another model series."""
 
 
 class DuplicateId(ArmError):
-    """Two servos have one identity."""
+    """Two servos have the same ID."""
 
 
 class OutsideLimits(ArmError):
-    """A joint stands where it must not be."""
+    """A joint is outside its limits."""
 
 
 class PathBlocked(ArmError):
-    """The arm would touch itself, the floor or another arm on every slow path to a pose."""
+    """No slow path to a pose avoids contact with the arm itself, the floor or another arm."""
 
 
 class GuardLost(ArmError):
-    """The process that switches the torque off in an emergency is gone."""
+    """The watchdog process that switches the torque off in an emergency has died."""
 
 
 class SupplyLow(ArmError):
-    """The supply gives too little voltage."""
+    """The supply voltage is too low."""
 
 
 class ServoOverloaded(ArmError):
-    """A servo shut down because it was stalled."""
+    """A servo shut down after a stall."""
 
 
 class ServoHot(ArmError):

@@ -1,4 +1,4 @@
-"""The units of joints: radians and newton metres for hinges, metres and newtons for slides, never in one figure."""
+"""Units of joints: radians and newton metres for hinges, metres and newtons for slides; never mixed in one figure."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -9,14 +9,14 @@ import numpy as np
 
 @dataclass(frozen=True)
 class JointUnit:
-    """In what the positions of one kind of joint are computed and shown.
+    """Units of the positions of hinges or slides.
 
     Attributes:
-        kind: What such joints are called.
-        si: Unit inside, and in files.
+        kind: Name of such joints.
+        si: Unit in computations and files.
         shown: Unit in tables.
-        mark: What follows a number in a sentence.
-        factor: Shown unit per unit inside.
+        mark: Suffix of a number in a sentence.
+        factor: Shown unit per SI unit.
     """
 
     kind: str
@@ -26,17 +26,17 @@ class JointUnit:
     factor: float
 
     def text(self, value: float, digits: int = 2) -> str:
-        """Return a position or an error as a sentence says it."""
+        """Format a position or error for a sentence."""
         return f"{self.factor * value:.{digits}f}{self.mark}"
 
 
 HINGE = JointUnit("hinges", "rad", "deg", "°", 180 / math.pi)
 SLIDE = JointUnit("slides", "m", "mm", " mm", 1e3)
-# Of a figure over joints of both kinds: each error over the spread of the positions of its kind.
+# Figures over joints of both kinds: each error relative to the spread of the positions of its kind.
 SHARE = JointUnit("joints", "1", "%", " %", 100.0)
-USUAL_RANGE = math.pi  # [rad] range of a usual hinge, for which thresholds and sizes of angles and speeds are made
-SHORTEST = 0.01  # [m] range below which a slide's readings are noise rather than travel
-# What an angle's unit becomes where the joint is a slide.
+USUAL_RANGE = math.pi  # [rad] range of a typical hinge; thresholds for angles and speeds assume it
+SHORTEST = 0.01  # [m] a slide whose readings span less is at rest: they are noise
+# Unit at a slide for each unit of angle.
 OF_SLIDES = {
     "rad": "m",
     "rad/s": "m/s",
@@ -50,12 +50,12 @@ OF_SLIDES = {
 
 
 def convert_hinge_unit(unit: str, slide: bool) -> str:
-    """Return the unit that a quantity with this unit at a hinge has at a joint; ratios, seconds and masses keep it."""
+    """Return a quantity's unit at a joint, given its unit at a hinge; ratios, seconds and masses keep theirs."""
     return OF_SLIDES.get(unit, unit) if slide else unit
 
 
 def find_display_unit(si: str) -> JointUnit:
-    """Return how positions in a unit inside are shown."""
+    """Return the display unit of positions in an SI unit."""
     return next((unit for unit in (SLIDE, SHARE) if unit.si == si), HINGE)
 
 
@@ -63,17 +63,17 @@ def find_joint_unit(joint: str, slides: Collection[str]) -> JointUnit:
     """Return the unit of a joint's positions.
 
     Args:
-        joint: Its name.
-        slides: Names of the joints that are slides.
+        joint: Name of the joint.
+        slides: Names of the slides.
     """
     return SLIDE if joint in slides else HINGE
 
 
 def group_by_kind(joints: Sequence[str], slides: Collection[str]) -> list[tuple[JointUnit, np.ndarray]]:
-    """Return the kinds of joints that an arm has, hinges first, each with the places of its joints.
+    """Return each kind of joint present, hinges first, with the indices of its joints, shape (k,).
 
-    Errors of both kinds are never averaged: a figure over all joints is one of the first kind, with a second figure
-    beside it where the arm has both.
+    Errors of both kinds are never averaged. An overall figure is that of the first kind; an arm with both kinds has a
+    second figure.
     """
     is_slide = np.array([joint in slides for joint in joints], bool)
     found = ((HINGE, np.flatnonzero(~is_slide)), (SLIDE, np.flatnonzero(is_slide)))
@@ -83,13 +83,13 @@ def group_by_kind(joints: Sequence[str], slides: Collection[str]) -> list[tuple[
 def average_by_kind(values: np.ndarray, joints: Sequence[str], slides: Collection[str]) -> np.ndarray:
     """Return for each joint the mean of a quantity over the joints of its kind, shape (n,).
 
-    Errors over such a scale have no unit, so that a slide's and a hinge's count alike. Among joints of one kind they
-    rank as they do without, and a joint that hardly moves does not rule.
+    Errors divided by it have no unit, so that slides and hinges have equal weight. Their order among joints of one kind
+    is unchanged, and a joint that hardly moves does not dominate.
 
     Args:
         values: Spread or noise of each joint [rad; slides m], shape (n,).
         joints: Names of the n joints.
-        slides: Names of those that are slides.
+        slides: Names of the slides.
     """
     means = np.empty(len(joints))
     for _, places in group_by_kind(joints, slides):
@@ -98,21 +98,21 @@ def average_by_kind(values: np.ndarray, joints: Sequence[str], slides: Collectio
 
 
 def compute_angle_scales(joints: Sequence[str], slides: Collection[str], reach: np.ndarray) -> np.ndarray:
-    """Return what stands for a radian at each joint [rad; slides m], shape (n,): sizes of angles are times this.
+    """Return the equivalent of a radian at each joint [rad; slides m], shape (n,), to scale thresholds for angles.
 
-    It is 1 at hinges. A slide's range stands for that of a usual hinge.
+    It is 1 at hinges. At a slide, its range is equivalent to that of a typical hinge.
 
     Args:
         joints: Names of the n joints.
-        slides: Names of those that are slides.
-        reach: Range of each joint [rad; slides m], shape (n,); those of hinges do not count.
+        slides: Names of the slides.
+        reach: Range of each joint [rad; slides m], shape (n,); unused for hinges.
     """
     is_slide = np.array([joint in slides for joint in joints], bool)
     return np.where(is_slide, np.maximum(reach, SHORTEST) / USUAL_RANGE, 1.0)
 
 
 def format_table_unit(joints: Sequence[str], slides: Collection[str]) -> str:
-    """Return what stands in the head of a table with a figure for each joint, for example `deg; gripper mm`."""
+    """Return the unit for the heading of a table with one figure per joint, for example `deg; gripper mm`."""
     kinds = group_by_kind(joints, slides)
     if len(kinds) == 1:
         return kinds[0][0].shown
@@ -120,5 +120,5 @@ def format_table_unit(joints: Sequence[str], slides: Collection[str]) -> str:
 
 
 def list_unit_factors(joints: Sequence[str], slides: Collection[str]) -> np.ndarray:
-    """Return the shown unit per unit inside of each joint, shape (n,)."""
+    """Return the shown unit per SI unit of each joint, shape (n,)."""
     return np.array([find_joint_unit(joint, slides).factor for joint in joints])

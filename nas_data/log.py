@@ -1,4 +1,4 @@
-"""The log of the package: progress and warnings, which programs show on stderr."""
+"""Logging of the package: progress and warnings, which programs show on stderr."""
 
 import functools
 import logging
@@ -9,19 +9,19 @@ logger = logging.getLogger("nas_data")
 
 
 class StderrHandler(logging.Handler):
-    """Shows each message on stderr, above the bars of tqdm."""
+    """Writes messages to stderr, above tqdm's progress bars."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Show a message at once."""
-        tqdm = sys.modules.get("tqdm")  # slow to load, and there is no bar before it is loaded
+        """Write a message."""
+        tqdm = sys.modules.get("tqdm")  # slow to import; before its import there is no progress bar
         (tqdm.tqdm.write if tqdm else print)(record.getMessage(), file=sys.stderr)
 
 
 def show(level: int = logging.INFO) -> None:
-    """Show messages from a level on stderr. Where nothing is configured, Python shows warnings alone."""
+    """Show messages of at least `level` on stderr. Without configuration, Python shows warnings only."""
     logger.setLevel(level)
     logger.handlers = [StderrHandler()]
-    logger.propagate = False  # LeRobot gives the root logger a handler, which would show each message again
+    logger.propagate = False  # LeRobot adds a handler to the root logger, which would repeat each message
 
 
 def warn(warnings: Iterable[str]) -> None:
@@ -32,7 +32,7 @@ def warn(warnings: Iterable[str]) -> None:
 
 @functools.cache
 def warn_once(warning: str) -> None:
-    """Log a warning, once however often its cause is met, and not in every worker process."""
+    """Log a warning only once, and not in worker processes."""
     import multiprocessing  # slow to load
 
     if multiprocessing.parent_process() is None:

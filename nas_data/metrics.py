@@ -14,8 +14,8 @@ from nas_data.text_table import align_columns
 class Errors:
     """Root mean squared position errors [rad; slides m] of one predictor on E episodes of n joints.
 
-    A figure over all joints is one over the hinges, or over the slides of an arm that has no hinge: degrees and
-    millimetres have no mean. `overall_by_kind` has the figure of either kind.
+    Degrees and millimetres are never averaged. Overall figures are over the hinges, or over the slides of an arm
+    without hinges; `overall_by_kind` has both.
 
     Attributes:
         joints: Names of the joints.
@@ -30,7 +30,7 @@ class Errors:
     slides: frozenset[str] = frozenset()
 
     def __repr__(self) -> str:
-        """Return the overall error in a line."""
+        """Return the overall error in one line."""
         found = ", ".join(f"{value:.3g} {unit.si}" for unit, value in self.overall_by_kind)
         return f"Errors({found} over {count_of(len(self.lengths), 'episode')})"
 
@@ -42,13 +42,13 @@ class Errors:
         measured: Sequence[np.ndarray],
         slides: Collection[str] = (),
     ) -> "Errors":
-        """Compare episodes.
+        """Compute the errors of predicted episodes.
 
         Args:
             joints: Names of the n joints.
             predicted: Predicted states or positions of each episode, shape (T, ≥n); the first n components count.
-            measured: The same, measured.
-            slides: Which joints are slides.
+            measured: Measured states or positions, shapes as of `predicted`.
+            slides: Names of the slides.
         """
         n = len(joints)
         pairs = list(zip(predicted, measured, strict=True))
@@ -69,7 +69,7 @@ class Errors:
 
     @property
     def overall_by_kind(self) -> list[tuple[JointUnit, float]]:
-        """RMSE over all frames of the joints of each kind, in its unit inside."""
+        """RMSE over all frames of the joints of each kind, in SI units."""
         return [
             (unit, float(np.sqrt(np.average(self.squared[:, places].mean(axis=1), weights=self.lengths))))
             for unit, places in self.kinds
@@ -81,7 +81,7 @@ class Errors:
         return self.overall_by_kind[0][1]
 
     def over(self, scales: np.ndarray) -> float:
-        """RMSE over all frames and joints, each joint's error over a scale of its own, shape (n,)."""
+        """RMSE over all frames and joints, each joint's error divided by its scale, shape (n,)."""
         return float(np.sqrt(np.average((self.squared / scales**2).mean(axis=1), weights=self.lengths)))
 
     @property
@@ -97,11 +97,11 @@ class Errors:
 
     @property
     def mean_of_episodes(self) -> float:
-        """Mean of the episodes' RMSE: every episode counts alike, however long."""
+        """Mean of the episodes' RMSE; episodes have equal weight, whatever their length."""
         return float(np.mean(self.per_episode))
 
     def to_json(self) -> dict[str, object]:
-        """Return all of it, per episode also by joint."""
+        """Return all figures for JSON, per episode also by joint."""
         rows = [dict(zip(self.joints, np.sqrt(row).tolist(), strict=True)) for row in self.squared]
         beside = {f"overall_{unit.kind}": value for unit, value in self.overall_by_kind[1:]}
         return {
@@ -115,10 +115,10 @@ class Errors:
 
 
 def format_error_table(rows: Mapping[str, Errors], title: str) -> str:
-    """Return a table of RMSE in degrees, slides in millimetres: a row per predictor, a column per joint.
+    """Return a table of RMSE in degrees, slides in millimetres: one row per predictor, one column per joint.
 
-    Behind them stand all joints, hinges and slides apart where an arm has both, and last the mean of the episodes. A
-    predictor that diverges in any episode has no mean error; its row says so.
+    The last columns are all joints (hinges and slides apart if an arm has both) and the mean of the episodes. A
+    predictor that diverges in any episode is marked and has no mean error.
     """
     one = next(iter(rows.values()))
     scale = list_unit_factors(one.joints, one.slides)

@@ -1,4 +1,4 @@
-"""Roll a source out over whole episodes, in batches."""
+"""Open-loop rollouts of the source over whole episodes, in batches."""
 
 from collections.abc import Sequence
 
@@ -11,16 +11,16 @@ from nas_data.simulators.base import Simulator
 from nas_data.simulators.initial_states import START_SECONDS, InitialLoad, choose_initial_loads
 
 ROLLOUT_BATCH = 64
-SHORTEST = 0.8  # of the longest rollout in a batch of the source: what is padded is simulated, too, and thrown away
+SHORTEST = 0.8  # shortest over longest rollout in a batch: shorter ones are padded, which wastes simulation
 
 
 def roll_out_source(dataset: Dataset, simulator: Simulator) -> list[np.ndarray]:
-    """Roll the source out over every episode, started at its first measured state; a list of (T, 2n)."""
+    """Roll the source out over every episode from its first measured state; a list of (T, 2n)."""
     return [states[:, : dataset.states.shape[1]] for states in roll_out_scene(dataset, simulator)]
 
 
 def roll_out_scene(dataset: Dataset, simulator: Simulator) -> list[np.ndarray]:
-    """Do as `roll_out_source`, with the objects that the dataset has: a list of (T, 2n or 2n + m)."""
+    """Roll out as `roll_out_source`, including the dataset's objects; a list of (T, 2n or 2n + m)."""
     check_fits(dataset, simulator)
     initial, commands = read_initial_states(dataset, simulator), [dataset.commands[rows] for rows in dataset.episodes()]
     loads = infer_initial_loads(dataset, simulator, initial) if simulator.remembers else None
@@ -28,7 +28,7 @@ def roll_out_scene(dataset: Dataset, simulator: Simulator) -> list[np.ndarray]:
 
 
 def infer_initial_loads(dataset: Dataset, simulator: Simulator, initial: np.ndarray) -> np.ndarray:
-    """Return the `InitialLoad` of each joint that explains the first second of each episode best, shape (E, n).
+    """Return the `InitialLoad` of each joint that fits the first second of each episode best, shape (E, n).
 
     Args:
         dataset: Episodes.
@@ -36,8 +36,8 @@ def infer_initial_loads(dataset: Dataset, simulator: Simulator, initial: np.ndar
         initial: First state of each episode, shape (E, 2n or 2n + m).
     """
     n, rows = len(dataset.joints), max(1, round(START_SECONDS * dataset.fps))
-    begun = [slice(part.start, min(part.stop, part.start + rows)) for part in dataset.episodes()]
-    commands, measured = ([values[part] for part in begun] for values in (dataset.commands, dataset.next_states))
+    slices = [slice(part.start, min(part.stop, part.start + rows)) for part in dataset.episodes()]
+    commands, measured = ([values[part] for part in slices] for values in (dataset.commands, dataset.next_states))
     squares = np.empty((len(InitialLoad), dataset.n_episodes, n))
     for load in InitialLoad:
         rolled = roll_out_episodes(simulator, initial, commands, np.full((dataset.n_episodes, n), load))
@@ -68,15 +68,15 @@ def roll_out_episodes(
 
 
 def make_batches(lengths: np.ndarray, ordered: bool = True) -> list[list[int]]:
-    """Group episodes for batched rollouts, those of like length together where `ordered`."""
+    """Group episodes for batched rollouts; episodes of similar length share a batch if `ordered`."""
     order = np.argsort(-lengths, kind="stable") if ordered else np.arange(len(lengths))
     return [order[start : start + ROLLOUT_BATCH].tolist() for start in range(0, len(order), ROLLOUT_BATCH)]
 
 
 def group_by_length(lengths: np.ndarray) -> list[list[int]]:
-    """Group episodes for rollouts of the source, longest first, so that little is padded.
+    """Group episodes for rollouts of the source, longest first, to keep padding small.
 
-    A model's rollouts are not grouped so: a step of them costs nearly the same for any number of episodes.
+    Learned models are not grouped: their cost per step hardly depends on the batch size.
     """
     groups: list[list[int]] = []
     for episode in np.argsort(-lengths, kind="stable").tolist():
@@ -89,11 +89,11 @@ def group_by_length(lengths: np.ndarray) -> list[list[int]]:
 
 
 def pad_commands(dataset: Dataset, episodes: Sequence[int]) -> np.ndarray:
-    """Return the commands of episodes, shorter ones padded by their last, shape (B, T, n), float64."""
+    """Return the commands of episodes, shorter ones padded with their last command, shape (B, T, n), float64."""
     return stack_padded([dataset.commands[dataset.episode(episode)] for episode in episodes])
 
 
 def stack_padded(commands: Sequence[np.ndarray]) -> np.ndarray:
-    """Return commands (T, n) of several episodes, shorter ones padded by their last, shape (B, T, n), float64."""
+    """Stack commands (T, n) of several episodes, shorter ones padded with their last, shape (B, T, n), float64."""
     longest = max(len(rows) for rows in commands)
     return np.stack([np.pad(rows, ((0, longest - len(rows)), (0, 0)), mode="edge") for rows in commands]).astype(float)

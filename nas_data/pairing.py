@@ -1,4 +1,4 @@
-"""Pairing: what the source predicts for every measured transition, in batched rollouts."""
+"""Pairing: the source's prediction of every measured transition, in batched rollouts."""
 
 from dataclasses import replace
 
@@ -29,21 +29,21 @@ from nas_data.simulators.lock_joints import refuse_ground_contact
 from nas_data.simulators.mujoco import MujocoSimulator
 
 ACTUATORS = {POSITION: "a <position>", VELOCITY: "a <velocity>", EFFORT: "a <motor>"}
-POSTURES = 100  # in which is looked whether a robot whose base is held stands on something
-PROBES = 500  # transitions that tell one source from another
+POSTURES = 100  # postures in which a robot with a fixed base is checked for contact with the ground
+PROBES = 500  # transitions with which a source is compared
 SAME_SOURCE = 1e-5  # [rad] engines of other versions and machines differ by less
-# At a slide these two are times what stands for a radian there, see `joint_units.compute_angle_scales`.
-SAME_PLACE = 0.01  # [rad] two readings of one place differ by less
+# At a slide, the next two are scaled by `joint_units.compute_angle_scales`.
+SAME_PLACE = 0.01  # [rad] two readings of one position differ by less
 MARGIN = 0.05  # [rad] by which calibrations of real arms and their models differ
-FACTOR = 2.0  # half ranges from the middle beyond which a wrong unit is likelier than a wrong zero or a soft stop
+FACTOR = 2.0  # half ranges from the middle beyond which a wrong unit is more likely than a wrong zero or a soft stop
 
 
 def pair(dataset: Dataset, simulator: Simulator) -> Dataset:
     """Add `next.observation.sim_state` to a dataset of transitions, and `next.observation.sim_environment_state`.
 
-    The source is reset to each measured state with its warm start zeroed, the command is held for one control
-    period, and the joints are read. The result equals a plain loop over `mj_step` bit for bit. Objects that both the
-    dataset and the source have are reset and read with the joints; φ corrects the joints alone.
+    The source is reset to each measured state with its warm start zeroed, the command is held for one control period,
+    and the joints are read. The result is bit-identical to a plain loop over `mj_step`. Objects of both dataset and
+    source are reset and read with the joints; φ corrects the joints only.
 
     Args:
         dataset: Transitions with 2n-states (see `as_transitions`).
@@ -53,7 +53,7 @@ def pair(dataset: Dataset, simulator: Simulator) -> Dataset:
         The dataset with the predictions as float32, shape (N, 2n), and (N, m) of the objects.
 
     Raises:
-        JointMismatch: joints, rate or kind of command differ.
+        JointMismatch: joints, rate or command type differ.
     """
     check_fits(dataset, simulator)
     dataset = with_model_units(dataset, simulator)
@@ -67,17 +67,16 @@ def pair(dataset: Dataset, simulator: Simulator) -> Dataset:
 
 
 def with_model_units(dataset: Dataset, simulator: Simulator) -> Dataset:
-    """Return a dataset that tells hinges and slides apart as a model does; no value changes.
+    """Return the dataset with the model's units of hinges and slides; no value changes.
 
-    Where a recording says nothing, or calls the metres of a slide radians, as one that was imported without a model
-    does, the model knows better.
+    A recording imported without a model names no units, or calls a slide's metres radians.
 
     Args:
         dataset: Transitions with 2n-states of a simulator's joints.
         simulator: The model.
 
     Raises:
-        JointMismatch: the dataset has a joint in metres that the model turns.
+        JointMismatch: a joint in metres is a hinge in the model.
     """
     turned = [joint for joint in simulator.joints if joint in dataset.slides and joint not in simulator.slides]
     if turned:
@@ -102,7 +101,7 @@ def with_model_units(dataset: Dataset, simulator: Simulator) -> Dataset:
 
 
 def find_continuing_frames(dataset: Dataset) -> np.ndarray:
-    """Return which frames begin where the one before ended, shape (N,): it is the same motion."""
+    """Return a mask of the frames that begin where the previous one ended, shape (N,): they continue its motion."""
     n, result = len(dataset.joints), np.zeros(dataset.n_frames, bool)
     ends, begins = dataset.next_states[:-1, :n], dataset.states[1:, :n]
     travel = np.ptp(dataset.states[:, :n], axis=0) if dataset.n_frames else np.zeros(n)
@@ -113,29 +112,29 @@ def find_continuing_frames(dataset: Dataset) -> np.ndarray:
 
 
 def read_scene_states(dataset: Dataset, simulator: Simulator, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
-    """Return measured states as a simulator takes them: joints, then its objects where the dataset has them all.
+    """Return measured states for a simulator: joints, then its objects if the dataset has all of them.
 
     Args:
         dataset: Transitions with 2n-states.
-        simulator: Whose objects are looked for, by their names.
-        rows: Which frames.
+        simulator: Its objects are looked up by name.
+        rows: Frames to return.
 
     Returns:
-        Shape (rows, 2n), or (rows, 2n + m) with the objects.
+        States, shape (rows, 2n), or (rows, 2n + m) with the objects.
     """
     states, objects = dataset.states[rows], read_object_states(dataset, simulator)
     return np.concatenate([states, objects[rows]], axis=1) if objects.shape[1] else states
 
 
 def read_initial_states(dataset: Dataset, simulator: Simulator | None) -> np.ndarray:
-    """Return the states in which open-loop rollouts of the episodes start: measured positions, velocities as told.
+    """Return the initial states of open-loop rollouts: measured positions, and the episodes' start velocities.
 
     Args:
         dataset: Transitions with 2n-states.
-        simulator: Whose objects are looked for; None where there is none.
+        simulator: Its objects are looked up by name; None for no objects.
 
     Returns:
-        Shape (E, 2n), or (E, 2n + m) with the simulator's objects, float64.
+        States, shape (E, 2n), or (E, 2n + m) with the simulator's objects, float64.
     """
     n = len(dataset.joints)
     states = dataset.states if simulator is None else read_scene_states(dataset, simulator)
@@ -145,7 +144,7 @@ def read_initial_states(dataset: Dataset, simulator: Simulator | None) -> np.nda
 
 
 def read_object_states(dataset: Dataset, simulator: Simulator) -> np.ndarray:
-    """Return the measured states of a simulator's objects, shape (N, m); (N, 0) where the dataset lacks one."""
+    """Return the measured states of a simulator's objects, shape (N, m); (N, 0) if the dataset lacks any."""
     wanted = simulator.object_feature.names
     held = dataset.features[ENVIRONMENT].names if ENVIRONMENT in dataset.features else ()
     if not wanted or not set(wanted) <= set(held):
@@ -155,7 +154,7 @@ def read_object_states(dataset: Dataset, simulator: Simulator) -> np.ndarray:
 
 
 def describe_missing_objects(dataset: Dataset, simulator: Simulator) -> list[str]:
-    """Say that the source's objects stay in their reference posture because the dataset does not have them."""
+    """Warn of source objects that stay in their reference posture because the dataset lacks them."""
     held = dataset.features[ENVIRONMENT].names if ENVIRONMENT in dataset.features else ()
     missing = [name for name in simulator.object_feature.names if name not in held]
     if not missing or not held:
@@ -164,10 +163,10 @@ def describe_missing_objects(dataset: Dataset, simulator: Simulator) -> list[str
 
 
 def check_source(dataset: Dataset, simulator: Simulator) -> None:
-    """Refuse a source that does not predict what a paired dataset holds.
+    """Check that a source predicts what a paired dataset holds.
 
     Raises:
-        JointMismatch: it is another source, or none of this robot, rate or kind of command.
+        JointMismatch: it is another source, or has another robot, rate or command type.
     """
     check_fits(dataset, simulator)
     n, rows = len(dataset.joints), slice(0, PROBES)
@@ -184,14 +183,14 @@ def check_source(dataset: Dataset, simulator: Simulator) -> None:
 
 
 def warn_of_ranges(dataset: Dataset, robot: Robot) -> list[str]:
-    """Warn of each joint whose range the measured positions leave that the model may be wrong.
+    """Warn of joints whose measured positions leave the model's range: the model may be wrong.
 
     Args:
         dataset: Transitions with 2n-states, n joints that the model has.
         robot: The source, without its effects.
 
     Returns:
-        What was said, a sentence each.
+        The warnings.
     """
     found, model = [], robot.spec().compile()
     for place, joint in enumerate(dataset.joints):
@@ -221,10 +220,10 @@ def warn_of_ranges(dataset: Dataset, robot: Robot) -> list[str]:
 
 
 def check_fits(dataset: Dataset, simulator: Simulator) -> None:
-    """Refuse a simulator of another robot, rate or kind of command.
+    """Check robot, rate and command type of a simulator.
 
     Raises:
-        JointMismatch: says which, with both values.
+        JointMismatch: one differs; the message has both values.
     """
     if simulator.joints != dataset.joints:
         raise JointMismatch(
@@ -247,7 +246,7 @@ def check_fits(dataset: Dataset, simulator: Simulator) -> None:
 
 
 def _suggest_actuator(simulator: Simulator, kind: str) -> str:
-    """Say how a model is given actuators that take commands of another kind."""
+    """Suggest how to give a model actuators for another command type."""
     robot = getattr(simulator, "robot", None)
     if isinstance(robot, Robot) and robot.mjcf.suffix == URDF and kind != VELOCITY:
         return f"a URDF does not say which it has: give --actuators {'torque' if kind == EFFORT else 'position'}"

@@ -1,4 +1,4 @@
-"""The folder is the registry: each file of a plug-in folder defines one thing under the file's name."""
+"""The folder is the registry: each file of a plug-in folder defines one object under the file's name."""
 
 import importlib
 import re
@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 @cache
 def list_names(folder: str) -> tuple[str, ...]:
-    """Return the names that a plug-in folder holds, for example every effect of `effects/`."""
+    """Return the names in a plug-in folder, for example every effect of `effects/`."""
     files = list_visible_files(ROOT.joinpath(*folder.split(".")), "*.py")
     return tuple(path.stem for path in files if path.stem not in {"__init__", "base"})
 
@@ -27,11 +27,11 @@ def import_plugin(folder: str, name: str, kind: str) -> ModuleType:
 
     Args:
         folder: Plug-in folder, for example `effects`.
-        name: File's name without `.py`.
-        kind: What such a thing is called in an error, for example `effect`.
+        name: File name without `.py`.
+        kind: Word for the plug-in in errors, for example `effect`.
 
     Raises:
-        UnknownName: the folder has no such file; lists those it has.
+        UnknownName: the folder has no such file; lists its files.
     """
     if name not in list_names(folder):
         raise UnknownName(kind, name, list_names(folder))
@@ -39,13 +39,13 @@ def import_plugin(folder: str, name: str, kind: str) -> ModuleType:
 
 
 def find_plugin(folder: str, name: str, kind: str, base: type[T]) -> type[T]:
-    """Return the class of a plug-in: what its file defines, or a class of the user's own that is loaded.
+    """Return the class of a plug-in: from its file, or a loaded class of the user.
 
     Args:
         folder: Plug-in folder, for example `effects`.
-        name: File's name without `.py`; `cable_pull` for a user's class `CablePull`.
-        kind: What such a thing is called in an error, for example `effect`.
-        base: What it derives from.
+        name: File name without `.py`; `cable_pull` for a user's class `CablePull`.
+        kind: Word for the plug-in in errors, for example `effect`.
+        base: Base class.
 
     Raises:
         UnknownName: there is neither; lists the names of the folder.
@@ -63,7 +63,7 @@ def find_plugin(folder: str, name: str, kind: str, base: type[T]) -> type[T]:
 
 
 def iterate_subclasses(base: type[T]) -> Iterator[type[T]]:
-    """Yield the loaded classes that derive from one, in the order of their definition."""
+    """Yield the loaded subclasses of a class in order of definition."""
     for kind in base.__subclasses__():
         yield kind
         yield from iterate_subclasses(kind)
@@ -71,14 +71,14 @@ def iterate_subclasses(base: type[T]) -> Iterator[type[T]]:
 
 @cache
 def to_snake_case(name: str) -> str:
-    """Return a class's name as its file is called: `CommandDelay` → `command_delay`."""
+    """Return a class's file name: `CommandDelay` → `command_delay`."""
     return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
 
 
 def find_value(folder: str, name: str, kind: str, wanted: type[T]) -> T:
-    """Return the value of a type that a plug-in's file defines, as `find_plugin` returns its class.
+    """Return the object of type `wanted` that a plug-in's file defines.
 
     Raises:
-        UnknownName: the folder has no such file; lists those it has.
+        UnknownName: the folder has no such file; lists its files.
     """
     return next(value for value in vars(import_plugin(folder, name, kind)).values() if isinstance(value, wanted))

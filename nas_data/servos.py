@@ -1,4 +1,4 @@
-"""Actuators for models that have none, under the name by which scripts import them."""
+"""Actuators for models that have none, importable by scripts."""
 
 from nas_data.mjcf.default_servos import add_position_servos, add_torque_motors
 

@@ -1,4 +1,4 @@
-"""The source of a dataset or checkpoint: the model named on the command line, or the one kept beside the data."""
+"""The source of a dataset or checkpoint: the model named on the command line, or the one stored with the data."""
 
 import json
 import tempfile
@@ -22,7 +22,7 @@ MODEL, EFFECTS = Path(SOURCE).name, Path(SOURCE_EFFECTS).name
 def collect_source_files(robot: Robot, effects: Sequence[Effect] = ()) -> dict[str, bytes]:
     """Return the files that make a paired dataset or a checkpoint self-contained: the source's MJCF and its effects.
 
-    Where the model needs other files (meshes, textures), a copy without them is kept: see `strip_meshes`.
+    A model with meshes or textures is stored without them: see `strip_meshes`.
     """
     files = {MODEL: _serialise_model(robot)}
     if effects:
@@ -42,7 +42,7 @@ def _serialise_model(robot: Robot) -> bytes:
 
 
 def describe_left_out(robot: Robot) -> str | None:
-    """Say what of a robot the kept source lacks and pairing may have felt; None where nothing."""
+    """Describe the parts that the stored source lacks and that may have affected pairing; None if there are none."""
     spec = robot.spec()
     shapes = count_colliding_geoms(spec) if needs_files(spec) else 0
     if not shapes:
@@ -55,7 +55,7 @@ def describe_left_out(robot: Robot) -> str | None:
 
 
 def check_kept(files: Mapping[str, bytes], paired: Dataset, engine: str) -> None:
-    """Refuse source files that do not predict what a paired dataset holds.
+    """Check that source files predict what a paired dataset holds.
 
     Raises:
         JointMismatch: they predict otherwise.
@@ -67,7 +67,7 @@ def check_kept(files: Mapping[str, bytes], paired: Dataset, engine: str) -> None
 
 
 def read_kept_files(root: Path) -> dict[str, bytes]:
-    """Return the source's files kept in a dataset (under `meta/`) or a checkpoint, empty where there are none."""
+    """Return the source's files stored in a dataset (under `meta/`) or a checkpoint; empty if there are none."""
     for folder in (root / "meta", root):
         if (folder / MODEL).is_file():
             return {name: (folder / name).read_bytes() for name in (MODEL, EFFECTS) if (folder / name).is_file()}
@@ -75,7 +75,7 @@ def read_kept_files(root: Path) -> dict[str, bytes]:
 
 
 def read_kept_engine(root: Path) -> str:
-    """Return the engine in which a dataset was paired or a checkpoint trained, as their provenance says."""
+    """Return the physics engine of a dataset's pairing or a checkpoint's training, from provenance."""
     dataset, checkpoint = root / PROVENANCE, root / "config.json"
     if not (path := dataset if dataset.is_file() else checkpoint).is_file():
         return ENGINES[0]
@@ -87,7 +87,7 @@ def read_kept_engine(root: Path) -> str:
 
 @dataclass(frozen=True)
 class SourceModel:
-    """All that a source is built from.
+    """Specification of a source.
 
     Attributes:
         model: A robot, its name or a model file.
@@ -100,11 +100,11 @@ class SourceModel:
     engine: str = ENGINES[0]
 
     def modules(self) -> tuple[str, ...]:
-        """Return the modules of this package that decide how it moves, for `code_hash`."""
+        """Return the modules of this package that determine its motion, for `code_hash`."""
         return (f"nas_data.simulators.{self.engine}", *(type(effect).__module__ for effect in self.effects))
 
     def simulator(self, dataset: Dataset, threads: int | None = None) -> Simulator:
-        """Build it for a dataset's joints and rate; on all cores where `threads` is None."""
+        """Build the simulator for a dataset's joints and rate; on all cores if `threads` is None."""
         return load_simulator(self.model, 1 / dataset.fps, dataset.joints, self.effects, self.engine, threads)
 
 
@@ -115,23 +115,23 @@ def find_source(
     kept_in: Sequence[Path],
     engine: str | None = None,
 ) -> Simulator:
-    """Return the source for a dataset: the model given, else the one kept with the data; see `locate_source`."""
+    """Return the source for a dataset: the given model, else the one stored with the data; see `locate_source`."""
     return locate_source(model, effects, kept_in, engine).simulator(dataset)
 
 
 def locate_source(
     model: str | None, effects: Sequence[Effect], kept_in: Sequence[Path], engine: str | None = None
 ) -> SourceModel:
-    """Return what the source of a dataset is built from.
+    """Return the specification of a dataset's source.
 
     Args:
         model: A robot's name or a model file, as given by `--model`.
-        effects: Effects to add to the model given.
-        kept_in: Folders of the dataset and the checkpoint, in which a source may be kept.
-        engine: `mujoco` or `bullet`; where None, the one in which a kept source ran, and MuJoCo for a model given.
+        effects: Effects to add to the given model.
+        kept_in: Folders of the dataset and the checkpoint, where a source may be stored.
+        engine: `mujoco` or `bullet`; None for the engine of a stored source, and MuJoCo for a given model.
 
     Raises:
-        ModelFileError: no model was given and none is kept.
+        ModelFileError: no model was given and none is stored.
     """
     if model is not None:
         return SourceModel(model, tuple(effects), engine or ENGINES[0])

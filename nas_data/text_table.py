@@ -7,9 +7,9 @@ def align_columns(rows: Sequence[Sequence[str]], left: Collection[int] = (0,), l
     """Return a table as lines; columns are two spaces apart.
 
     Args:
-        rows: Cells, the heading's first; every row has as many.
-        left: Numbers of the columns whose cells stand left; the others stand right.
-        least: Smallest width of a column that stands right.
+        rows: Cells, heading first; all rows have the same length.
+        left: Indices of left-aligned columns; the others are right-aligned.
+        least: Smallest width of a right-aligned column.
     """
     columns = []
     for number, cells in enumerate(zip(*rows, strict=True)):
@@ -19,7 +19,7 @@ def align_columns(rows: Sequence[Sequence[str]], left: Collection[int] = (0,), l
 
 
 def format_table(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table with a rule below its heading: the first column left, the others right."""
+    """Return a table with a rule below its heading: the first column left-aligned, the others right-aligned."""
     heading, *lines = align_columns([headers, *rows])
     rule = align_columns([["-" * max(map(len, cells)) for cells in zip(headers, *rows, strict=True)]])
     return "\n".join([heading, *rule, *lines])

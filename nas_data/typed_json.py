@@ -1,9 +1,9 @@
-"""Frozen dataclasses as JSON and back: what a file holds is a record, written and read by one piece of code.
+"""Frozen dataclasses as JSON and back: one record class defines both the written and the read form of a file.
 
-A key is called as its field, or as the field's metadata say (`field(metadata={"key": "effect"})`). A field of None
-whose metadata have `optional` is left out. The keys of a record in a field whose metadata have `inline` stand beside
-those of the other fields. A field with a default may be missing in the file; keys that a record does not have are
-ignored. Of several records that a field may hold, it holds the first one whose keys are there.
+A key is the field's name, or the one in the field's metadata (`field(metadata={"key": "effect"})`). A None field with
+`optional` in its metadata is omitted. The keys of a record in an `inline` field are merged into those of the other
+fields. A field with a default may be missing in the file; unknown keys are ignored. If a field allows several record
+types, the first whose keys are present is read.
 """
 
 import math
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 Record = TypeVar("Record")
-SHOWN = 40  # characters of a wrong value in an error
+SHOWN = 40  # characters of a wrong value shown in an error
 WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
 
 
 class FormError(ValueError):
-    """A JSON value is not what a record needs."""
+    """A JSON value does not have the form of a record."""
 
 
 class LacksKeys(FormError):
@@ -39,7 +39,7 @@ class LacksKeys(FormError):
 
 
 def as_object(record: "DataclassInstance") -> dict[str, object]:
-    """Return a record as `json.dumps` takes it."""
+    """Return a record as an object for `json.dumps`."""
     result: dict[str, object] = {}
     for item in fields(record):
         held, key = getattr(record, item.name), find_key(item)
@@ -51,7 +51,7 @@ def as_object(record: "DataclassInstance") -> dict[str, object]:
 
 
 def to_json(value: object) -> object:
-    """Return what a field of a record holds as `json.dumps` takes it."""
+    """Return a field's value for `json.dumps`."""
     if is_dataclass(value) and not isinstance(value, type):
         return as_object(value)
     if isinstance(value, Mapping):
@@ -66,8 +66,8 @@ def from_json(kind: type[Record], value: object, where: str = "") -> Record:
 
     Args:
         kind: Its dataclass.
-        value: What `json.loads` gave.
-        where: How to call the value in an error, for example `effects[0]`.
+        value: Output of `json.loads`.
+        where: Name of the value in errors, for example `effects[0]`.
 
     Raises:
         FormError: the value has another form; says where.
@@ -90,8 +90,8 @@ def from_json(kind: type[Record], value: object, where: str = "") -> Record:
 
 
 def convert(kind: Any, value: object, where: str) -> object:
-    """Return a JSON value as the type of a field; errors as of `from_json`."""
-    if kind is object:  # a part whose form others decide
+    """Convert a JSON value to the type of a field; raises like `from_json`."""
+    if kind is object:  # a part whose form is defined elsewhere
         return value
     origin, inner = get_origin(kind), get_args(kind)
     if origin in (Union, types.UnionType):
@@ -122,23 +122,23 @@ def convert(kind: Any, value: object, where: str) -> object:
 
 
 def make_form_error(value: object, wanted: str, where: str) -> FormError:
-    """Return the error of a value that is not what is wanted."""
+    """Return the error for a value of another type than wanted."""
     return FormError(f"{where or 'it'} is {str(value)[:SHOWN]!r}, not {wanted}")
 
 
 def find_key(item: "Field[Any]") -> str | None:
-    """Return the key of a field in JSON; None where it is kept elsewhere."""
+    """Return the JSON key of a field; None if it is stored elsewhere."""
     key = item.metadata.get("key", item.name)
     return None if key is None else str(key)
 
 
 def is_inline(item: "Field[Any]") -> bool:
-    """Whether the keys of a field's record stand beside those of the other fields."""
+    """Whether the keys of a field's record are merged into those of the other fields."""
     return bool(item.metadata.get("inline"))
 
 
 def is_optional(item: "Field[Any]") -> bool:
-    """Whether a field of None is left out."""
+    """Whether a field is omitted when None."""
     return bool(item.metadata.get("optional"))
 
 
@@ -148,7 +148,7 @@ def is_needed(item: "Field[Any]") -> bool:
 
 
 def make_finite(value: object) -> object:
-    """Replace what JSON cannot say (NaN, infinity, arrays, paths) by what it can."""
+    """Replace values that JSON lacks (NaN, infinity, arrays, paths) by values that it has."""
     if isinstance(value, Mapping):
         return {str(key): make_finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -1,1 +1,1 @@
-"""What notebooks and commands call: a function for each thing that `nas` does (`import nas_data as nas`)."""
+"""Python API for notebooks and commands: one function per task of `nas` (`import nas_data as nas`)."""

@@ -1,4 +1,4 @@
-"""What the functions for notebooks take alike: a dataset or its folder, a model with its actuators, progress."""
+"""Common arguments of the API: a dataset or its folder, a model with its actuators, progress."""
 
 import tempfile
 from collections.abc import Callable, Sequence
@@ -19,16 +19,16 @@ Actuators = Literal["position", "torque"]
 
 
 def count_aloud(progress: Progress) -> Count:
-    """Return what tells of control steps done as sentences."""
+    """Return a count function that reports the control steps done as sentences."""
     return lambda done, total: progress(f"rolling out {done}/{total}")
 
 
 def as_dataset(dataset: Dataset | str | Path, episodes: Sequence[int] = ()) -> Dataset:
-    """Return a dataset as transitions, read where a folder is given.
+    """Return a dataset as transitions; a folder is read.
 
     Args:
         dataset: In memory, or its folder.
-        episodes: Only these; all by default.
+        episodes: Only these episodes; all by default.
 
     Raises:
         NasError: it cannot be used.
@@ -40,24 +40,24 @@ def as_dataset(dataset: Dataset | str | Path, episodes: Sequence[int] = ()) -> D
 
 
 def find_name(dataset: Dataset) -> Path:
-    """Return the name of a dataset in reports and errors: its folder, if it has one."""
+    """Return the name of a dataset for reports and errors: its folder, if it has one."""
     folder = dataset.origin.root if dataset.origin else None
     return folder or Path("dataset")
 
 
 def find_folder(dataset: Dataset) -> Path | None:
-    """Return the folder that holds a dataset; None where it is in memory only, made there or changed since."""
+    """Return the folder of a dataset; None if it only exists in memory or was changed since."""
     origin = dataset.origin
     return origin.root if origin is not None and is_unchanged(dataset, origin) else None
 
 
 def as_model(model: str | Path, actuators: Actuators = "position") -> str:
-    """Return a model as `find_robot` takes it, with the actuators of a URDF, which names none."""
+    """Return a model as an argument of `find_robot`, with actuators for a URDF, which defines none."""
     return str(model) + (TORQUES if actuators == "torque" else "")
 
 
 def as_optional_model(model: str | Path | None, actuators: Actuators) -> str | None:
-    """Return a model as `as_model` does, None where there is none.
+    """Return a model as `as_model` does; None without a model.
 
     Raises:
         OptionError: actuators are given without a model.
@@ -70,13 +70,13 @@ def as_optional_model(model: str | Path | None, actuators: Actuators) -> str | N
 
 
 def as_correction(report: GapReport | str | Path) -> ModelCorrection:
-    """Return the effects and the retuned base that a gap report named.
+    """Return the named effects and retuned base parameters of a gap report.
 
     Args:
         report: In memory, its folder, or its `effects.json`.
 
     Raises:
-        OptionError: it holds none.
+        OptionError: there is no report.
     """
     if not isinstance(report, GapReport):
         return ModelCorrection.read(report)

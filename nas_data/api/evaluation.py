@@ -1,4 +1,4 @@
-"""Judge φ, ψ and model files beside what needs no learning."""
+"""Evaluation of φ, ψ and model files against baselines that need no learning."""
 
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,7 +22,7 @@ from nas_data.simulators.base import Simulator
 from nas_data.sources import SourceModel, locate_source
 
 MUJOCO = "mujoco"
-MODEL = "model"  # row of a model file that is judged beside its source
+MODEL = "model"  # name of a model file that is compared with its source
 
 
 def evaluate(
@@ -39,20 +39,20 @@ def evaluate(
 ) -> Evaluation:
     """Compare φ, ψ or a model file with hold, source, command and a plain fit, in one step and in open loop.
 
-    The plain fit is what a user has without names and networks: every smooth parameter of the source, fitted to what
-    the model was trained on where that is in memory, else to the very dataset that it is judged by.
+    The plain fit adjusts every smooth parameter of the source, without names and networks. It is fitted to the model's
+    training data if these are in memory, else to the evaluated dataset itself.
 
     Args:
         learned: φ or ψ, its folder, or a model: an MJCF or URDF file, or a robot's name.
-        dataset: Any recording of the same joints and rate, or its folder; need not be paired.
-        model: The source; the one kept with φ, ψ or the dataset where None. A model that is judged is its own source
-            where None, and else stands beside it as `model`.
-        engine: `mujoco` or `bullet`; the source's own where None.
-        episodes: Only these; all by default.
-        plain_fit: Whether the plain fit is made; it takes seconds to minutes.
-        actuators: What moves the joints of a URDF.
-        progress: Told what is being done.
-        count: Told of control steps done and to do; `progress` is where None.
+        dataset: Any recording of the same joints and rate, or its folder; it need not be paired.
+        model: Source. If None, the one stored with φ, ψ or the dataset; an evaluated model file is then its own source.
+            Else an evaluated model file is listed as `model`.
+        engine: `mujoco` or `bullet`; None for the source's own.
+        episodes: Only these episodes; all by default.
+        plain_fit: Whether to make the plain fit; it takes seconds to minutes.
+        actuators: Actuators for a URDF.
+        progress: Called with progress messages.
+        count: Called with the control steps done and in total; None for `progress`.
 
     Returns:
         Errors by predictor, overall, per joint and per episode: `evaluation.open_loop["source"].per_joint` [rad; m].
@@ -60,7 +60,7 @@ def evaluate(
     Raises:
         JointMismatch: dataset, source and model do not fit together.
         CheckpointError: the checkpoint cannot be used.
-        ModelFileError: φ is to be judged without a source, or the model file cannot be used.
+        ModelFileError: φ has no source, or the model file cannot be used.
     """
     say = progress or silence
     alone = is_model(learned)
@@ -84,7 +84,7 @@ def evaluate(
 
 
 def is_model(learned: LearnedModel | str | Path) -> bool:
-    """Whether a model file or a robot's name is given, not what was learned: a checkpoint is a folder."""
+    """Whether the argument is a model file or a robot's name and not a learned model, whose checkpoint is a folder."""
     if isinstance(learned, LearnedModel):
         return False
     return Path(learned).is_file() or (str(learned) in list_robot_names() and not Path(learned).exists())
@@ -106,7 +106,7 @@ def as_learned(learned: LearnedModel | str | Path) -> LearnedModel:
 
 @contextmanager
 def checkpoint_folder(learned: LearnedModel | None) -> Iterator[list[Path]]:
-    """Yield the folder of a model's checkpoint, written for a moment where it is in memory only; none of none."""
+    """Yield the folder of a model's checkpoint, temporary if it is only in memory; empty without a model."""
     if learned is None:
         yield []
     elif learned.folder is not None:
@@ -119,10 +119,10 @@ def checkpoint_folder(learned: LearnedModel | None) -> Iterator[list[Path]]:
 def find_judging_source(
     learned: LearnedModel | None, model: str | None, engine: str | None, kept_in: Sequence[Path]
 ) -> SourceModel | None:
-    """Return the source that is compared with; None where ψ is judged and none is known.
+    """Return the source for comparison; None for ψ without a known source.
 
     Raises:
-        ModelFileError: φ is judged and none is known.
+        ModelFileError: φ has no known source.
     """
     try:
         return locate_source(model, (), kept_in, engine)
@@ -137,7 +137,7 @@ def find_judging_source(
 def fit_plain(
     learned: LearnedModel | None, dataset: Dataset, source: SourceModel, say: Progress
 ) -> tuple[Mapping[str, Simulator], tuple[str, ...]]:
-    """Return the plain fit of a source by its name, with what it was fitted to; nothing where it cannot be made."""
+    """Return the plain fit of a source by name, and the data that it was fitted to; empty if it fails."""
     from nas_data.gap.plain_source import fit_plain_source
 
     if source.effects or source.engine != MUJOCO:

@@ -1,4 +1,4 @@
-"""Name what a model lacks, by a recording."""
+"""Identification of the effects that a model lacks, from a recording."""
 
 import tempfile
 from pathlib import Path
@@ -20,25 +20,24 @@ def identify(
     actuators: Actuators = "position",
     progress: Progress | None = None,
 ) -> GapReport:
-    """Find where model and recording disagree, name the missing effects, add them, and judge on held-out episodes.
+    """Find where model and recording disagree, name the missing effects, add them, and test on held-out episodes.
 
     Args:
-        dataset: At least two recorded episodes, or their folder; need not be paired.
-        model: The model as it is: an MJCF or URDF file, or a robot's name.
-        out: Folder of the report; an earlier report in it is replaced. None keeps all of it in memory: see
-            `GapReport.save`.
-        learn: Updates in which φ learns what the names leave; 0 leaves it out.
-        actuators: What moves the joints of a URDF: `position` servos, or motors (`torque`).
-        progress: Told what is being done, a sentence each; `print` will do.
+        dataset: At least two recorded episodes, or their folder; they need not be paired.
+        model: Model to correct: an MJCF or URDF file, or a robot's name.
+        out: Folder of the report; an earlier report in it is replaced. None keeps it in memory: see `GapReport.save`.
+        learn: Number of updates to train φ on the remaining gap; 0 for none.
+        actuators: Actuators for a URDF: `position` servos, or motors (`torque`).
+        progress: Called with progress messages; for example `print`.
 
     Returns:
         The report: verdict, effects with parameters and intervals, errors before and after, the written model.
 
     Raises:
         DatasetInvalid: there are fewer than two episodes.
-        JointMismatch: model and dataset have other joints or kinds of command.
+        JointMismatch: model and dataset have other joints or command types.
         ModelFileError: the model cannot be used.
-        OutputExists: `out` holds what no report wrote, and this one would replace.
+        OutputExists: `out` holds files that no report wrote and this one would replace.
     """
     if out is None:
         with tempfile.TemporaryDirectory() as folder:

@@ -1,4 +1,4 @@
-"""Recorded logs of any robot, or LeRobot datasets in any unit, as a dataset in memory."""
+"""Import of recorded logs of any robot, or of LeRobot datasets in any unit, into memory."""
 
 import tomllib
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ LEROBOT = "lerobot"
 
 @dataclass(frozen=True, kw_only=True)
 class ImportRequest:
-    """What is imported; see `import_logs`."""
+    """Arguments of `import_logs`."""
 
     logs: tuple[Path, ...]
     map: str | None = None
@@ -51,20 +51,20 @@ class ImportRequest:
 
     @property
     def said(self) -> ImportOptions:
-        """What is said of LeRobot datasets beside a map; positions that are unwrapped without one are radians."""
+        """Options for LeRobot datasets besides a map; positions that are unwrapped without a map are radians."""
         radians = self.unwrap and self.map is None and self.calibration is None
         return ImportOptions(self.unit or ("rad" if radians else None), self.calibration, self.rate, self.uniform)
 
 
 @dataclass(frozen=True)
 class Imported:
-    """A dataset made of logs, with the decisions of the import.
+    """An imported dataset, with the decisions of the import.
 
     Attributes:
         result: Dataset, provenance and findings.
-        name: Its name, unless another is given.
+        name: Default name of the dataset.
         notes: Decisions of the import, one sentence each.
-        mapped: Whether a map gave the meaning of the columns.
+        mapped: Whether a map defined the columns.
     """
 
     result: Import
@@ -88,25 +88,25 @@ def import_logs(
 ) -> Dataset:
     """Read logs (CSV, Parquet, NPZ, JSON, MCAP, ROS bags) or LeRobot datasets in any unit.
 
-    Recordings are audited: errors refuse, doubts are told on stderr. `save` writes the dataset and its map.
+    Recordings are audited: errors raise, warnings go to stderr. `save` writes the dataset and its map.
 
     Args:
         logs: A log, a folder of logs or a LeRobot dataset; or several.
-        map: Mapping file (TOML), or the name of a shipped one such as `so101_npz`; None for a LeRobot dataset.
+        map: Mapping file (TOML), or the name of an included one such as `so101_npz`; None for a LeRobot dataset.
         unit: Unit of a LeRobot dataset: `deg`, `range` (−100 … 100, with a calibration) or `rad`.
-        calibration: LeRobot's calibration file of the robot that recorded.
-        model: A model of the robot, which sign and zero of each joint are checked against.
-        rate: Rows a second [Hz] of a LeRobot dataset, in place of its own.
-        uniform: Take the rows of a LeRobot dataset as evenly spaced, whatever its time stamps say.
-        unwrap: Joints go on where their encoders begin anew after a whole turn.
-        cut: Cut episodes into stretches of so many seconds.
-        progress: Told which log is read.
+        calibration: LeRobot's calibration file of the recorded robot.
+        model: Model of the robot, to check sign and zero of each joint.
+        rate: Rows per second [Hz] of a LeRobot dataset; None for its own rate.
+        uniform: Treat the rows of a LeRobot dataset as evenly spaced, whatever its time stamps.
+        unwrap: Unwrap joints whose encoders jump after a whole turn.
+        cut: Cut episodes into segments of this length [s].
+        progress: Called with the name of each log.
 
     Raises:
-        LogError: a log cannot be read, or an audit refuses it.
-        MapError: the map names something that a log lacks.
+        LogError: a log cannot be read, or an audit finds an error.
+        MapError: the map uses a column or topic that a log lacks.
         JointMismatch: the model lacks a joint of the map.
-        DatasetInvalid, OptionError: logs and what is said of them do not fit together.
+        DatasetInvalid, OptionError: logs and arguments do not fit together.
     """
     paths = [logs] if isinstance(logs, str | Path) else logs
     request = ImportRequest(
@@ -128,7 +128,7 @@ def import_logs(
 
 
 def read_logs(request: ImportRequest) -> Imported:
-    """Do as `import_logs`, and say how it came about."""
+    """Import as `import_logs`, and return the decisions as well."""
     if not request.logs:
         raise OptionError("No log is given; say: nas import LOG… --map MAP.toml")
     mapping, notes = find_map(request)
@@ -151,10 +151,10 @@ def read_logs(request: ImportRequest) -> Imported:
 
 
 def find_map(request: ImportRequest) -> tuple[Map | None, tuple[str, ...]]:
-    """Return the map with what the options say, and what was decided; None where numbers stay as they are.
+    """Return the map completed by the options, and the decisions; no map if values stay unchanged.
 
     Raises:
-        OptionError: the options do not go together.
+        OptionError: the options contradict each other.
     """
     said = request.said
     if request.map is None and not said.needs_map:
@@ -176,7 +176,7 @@ def find_map(request: ImportRequest) -> tuple[Map | None, tuple[str, ...]]:
 
 
 def find_middles(mapping: Map | None, calibration: Path | None) -> dict[str, float]:
-    """Return where joints are put whose calibrated range is in its middle, of a LeRobot dataset."""
+    """Return the positions of the middles of calibrated ranges, by joint, for a map of LeRobot datasets."""
     if mapping is None or mapping.layout.format != LEROBOT:
         return {}
     motors = [] if calibration is None else match_motors(mapping, read_calibration(calibration), calibration)
@@ -184,11 +184,11 @@ def find_middles(mapping: Map | None, calibration: Path | None) -> dict[str, flo
 
 
 def choose_dataset_name(logs: Sequence[Path]) -> str:
-    """Return the name of what is made of one dataset of LeRobot's.
+    """Return the default name for the import of one LeRobot dataset.
 
     Raises:
-        LogError: there is nothing.
-        OptionError: it is none, or there are several.
+        LogError: the path does not exist.
+        OptionError: it is no dataset, or there are several.
     """
     absent = next((log for log in logs if not log.exists()), None)
     if absent is not None:
@@ -200,10 +200,10 @@ def choose_dataset_name(logs: Sequence[Path]) -> str:
 
 
 def check_dataset(path: Path) -> None:
-    """Refuse what is no dataset of LeRobot's, which needs a map.
+    """Refuse paths that are no LeRobot dataset and therefore need a map.
 
     Raises:
-        OptionError: says so.
+        OptionError: the path is no LeRobot dataset.
     """
     if not is_dataset(path):
         raise OptionError(f"{path} is no LeRobot dataset; give --map, which says what a log's columns mean.")

@@ -18,11 +18,11 @@ class LearnedModel:
     Attributes:
         network: The network, in evaluation mode.
         source: Files of the source that φ corrects, by name.
-        split: What was held out for early stopping, in words.
-        held_out: Errors on that; None where no source was at hand, or the model was read from a folder.
-        history: A row for each validation: update, validation error, loss, seconds.
-        trained_on: The recording; None where the model was read from a folder.
-        folder: Its checkpoint; None where it is in memory only.
+        split: Description of the data held out for early stopping.
+        held_out: Errors on these data; None without a source, or for a model read from a folder.
+        history: One row per validation: update, validation error, loss, seconds.
+        trained_on: The recording; None for a model read from a folder.
+        folder: Its checkpoint; None if it is only in memory.
     """
 
     network: DynamicsModel
@@ -34,7 +34,7 @@ class LearnedModel:
     folder: Path | None = None
 
     def __repr__(self) -> str:
-        """Return kind, joints and held-out error in a line."""
+        """Return kind, joints and held-out error in one line."""
         name = {"delta": "φ", "forward": "ψ"}[self.kind]
         error = ""
         if self.held_out is not None:
@@ -57,7 +57,7 @@ class LearnedModel:
         """Read a checkpoint.
 
         Args:
-            folder: Written by `nas train` or `save`; the checkpoint, or the training's folder around it.
+            folder: Folder written by `nas train` or `save`: the checkpoint, or the training's folder.
 
         Raises:
             CheckpointError: it is missing or damaged.
@@ -66,6 +66,6 @@ class LearnedModel:
         return cls(checkpoint.load_for_inference(place), read_kept_files(place), folder=place)
 
     def save(self, folder: str | Path) -> Path:
-        """Write a checkpoint, which every command takes; an older one in the folder is replaced."""
+        """Write a checkpoint for use by every command; an older one in the folder is replaced."""
         Path(folder).parent.mkdir(parents=True, exist_ok=True)
         return checkpoint.save(self.network, Path(folder), self.source)

@@ -1,4 +1,4 @@
-"""Pair a dataset with what a source model predicts for every transition."""
+"""Pairing of a dataset with the predictions of a source model."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -22,7 +22,7 @@ from nas_data.sources import check_kept, collect_source_files, describe_left_out
 
 @dataclass(frozen=True, kw_only=True)
 class PairingSource:
-    """Source that predicts the next states; see `pair`."""
+    """Arguments of `pair` that define the source."""
 
     model: str | Path
     engine: str = "mujoco"
@@ -33,14 +33,14 @@ class PairingSource:
 
 @dataclass(frozen=True)
 class Pairing:
-    """A paired dataset, and how it came about.
+    """A paired dataset, with details of the pairing.
 
     Attributes:
-        dataset: With `next.observation.sim_state`.
-        source: What predicted, as provenance records it.
-        seconds: How long the simulation took [s].
-        warnings: What is doubtful, a sentence each; told on stderr already.
-        remark: What of the source could not be kept with the dataset; None where nothing.
+        dataset: Dataset with `next.observation.sim_state`.
+        source: Source, as in provenance.
+        seconds: Duration of the simulation [s].
+        warnings: Warnings, one sentence each; already shown on stderr.
+        remark: Parts of the source that could not be stored with the dataset; None if all were.
     """
 
     dataset: Dataset
@@ -59,22 +59,22 @@ def pair(
     report: GapReport | str | Path | None = None,
     actuators: Actuators = "position",
 ) -> Dataset:
-    """Add what a source predicts for every transition: reset to the state before it, command held for one step.
+    """Add a source's prediction of every transition: reset to the state before it, command held for one step.
 
     Args:
         dataset: N transitions, or their folder.
-        model: Source: an MJCF or URDF file whose joints carry the dataset's names, or a robot's name.
+        model: Source: an MJCF or URDF file with the dataset's joint names, or a robot's name.
         engine: `mujoco` or `bullet`.
         effects: Effects to add to the source, for example `"backlash:joint=m3,half_width=0.02"`.
-        report: A gap report, or its folder, whose effects and retuned base are added to the source.
-        actuators: What moves the joints of a URDF: `position` servos, or motors (`torque`).
+        report: A gap report, or its folder, whose effects and retuned parameters are added to the source.
+        actuators: Actuators for a URDF: `position` servos, or motors (`torque`).
 
     Returns:
         The dataset with `next.observation.sim_state`: positions [rad; m] then velocities [rad/s; m/s], shape (N, 2n).
-        It keeps its source: `save` writes both.
+        The source is stored with it: `save` writes both.
 
     Raises:
-        JointMismatch: model and dataset have other joints or kinds of command.
+        JointMismatch: model and dataset have other joints or command types.
         ModelFileError, OptionError, UnknownName: model, effects or engine cannot be used.
     """
     source = PairingSource(model=model, engine=engine, effects=effects, report=report, actuators=actuators)
@@ -82,11 +82,11 @@ def pair(
 
 
 def make_pairs(recorded: Dataset, by: PairingSource) -> Pairing:
-    """Do as `pair`, and say how it came about.
+    """Pair as `pair`, and return details.
 
     Args:
         recorded: N transitions, as `as_dataset` returns them.
-        by: What predicts.
+        by: The source.
     """
     named = None if by.report is None else as_correction(by.report)
     added = [parse(effect) if isinstance(effect, str) else effect for effect in by.effects]
@@ -121,7 +121,7 @@ def make_pairs(recorded: Dataset, by: PairingSource) -> Pairing:
 def keep_source(
     robot: Robot, effects: Sequence[Effect], paired: Dataset, engine: str, model: str
 ) -> tuple[Mapping[str, bytes], str | None]:
-    """Return the files that keep the source with the dataset, and what they lack; none that predict otherwise."""
+    """Return the source's files to store with the dataset, and what they lack; no files if they predict differently."""
     files, remark = collect_source_files(robot, effects), describe_left_out(robot)
     if remark is None:
         return files, None

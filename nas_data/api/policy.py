@@ -1,4 +1,4 @@
-"""A trained policy as stable-baselines3's PPO, which takes and gives what the environment gives and takes."""
+"""A trained policy as stable-baselines3's PPO, with the environment's own observations and actions."""
 
 from pathlib import Path
 
@@ -19,17 +19,17 @@ from nas_data.policies.policy import CLIP, EPSILON, MEAN, VARIANCE, Policy, find
 from nas_data.policies.policy import load_policy as read_policy
 from nas_data.policies.ppo import make_ppo
 
-EXTRACTOR = "features_extractor"  # ends the name of the modules that normalise, of which actor and critic share one
+EXTRACTOR = "features_extractor"  # suffix of the names of the normalising modules; actor and critic share one
 
 
 class Normalise(BaseFeaturesExtractor):
-    """Observations normalised by the frozen statistics of a training, as its `VecNormalize` did."""
+    """Observations normalised by the frozen statistics of a training, as by its `VecNormalize`."""
 
     mean: torch.Tensor
     scale: torch.Tensor
 
     def __init__(self, observation_space: gymnasium.spaces.Box) -> None:
-        """Normalise nothing yet: mean 0, scale 1."""
+        """Initialise to the identity: mean 0, scale 1."""
         super().__init__(observation_space, int(np.prod(observation_space.shape)))
         self.register_buffer("mean", torch.zeros(self.features_dim, dtype=torch.float64))
         self.register_buffer("scale", torch.ones(self.features_dim, dtype=torch.float64))
@@ -44,19 +44,19 @@ def load_policy(
 ) -> PPO:
     """Read a policy folder as stable-baselines3's PPO.
 
-    It acts on the environment's own observations: `action, _ = ppo.predict(observation, deterministic=True)`. The
-    normalisation of its training is part of it, so `ppo.save` and `PPO.load` keep it. `ppo.learn` goes on from these
-    weights with a fresh optimiser and the rewards of `env` as they are.
+    It acts on the environment's unnormalised observations: `action, _ = ppo.predict(observation, deterministic=True)`.
+    It contains the normalisation of its training, so `ppo.save` and `PPO.load` preserve it. `ppo.learn` continues from
+    these weights with a new optimiser and the unnormalised rewards of `env`.
 
     Args:
-        folder: Written by `nas policy train`: a policy, or the folder of several seeds.
-        seed: Which seed's policy, where there are several.
-        env: Environment to go on learning in; the one that it was trained for, on its plain source, where None.
+        folder: Folder written by `nas policy train`: a policy, or the parent of several seeds.
+        seed: Seed of the policy, if there are several.
+        env: Environment for further training; None for its own environment on the plain source.
 
     Raises:
         CheckpointError: there is no policy, or it is damaged.
         OptionError: there are several, or none of that seed.
-        JointMismatch: the environment observes or takes something else.
+        JointMismatch: the environment has other observations or actions.
     """
     policy = choose(Path(folder), seed)
     settings = policy.config.hyperparameters
@@ -72,7 +72,7 @@ def load_policy(
 
 
 def choose(folder: Path, seed: int | None) -> Policy:
-    """Return the policy of a folder; a seed chooses among several.
+    """Return the policy of a folder; `seed` selects one of several.
 
     Raises:
         CheckpointError: there is none.
@@ -89,10 +89,10 @@ def choose(folder: Path, seed: int | None) -> Policy:
 
 
 def check_spaces(policy: Policy, env: gymnasium.Env[Array, Array] | VecEnv) -> None:
-    """Refuse an environment that observes or takes something else than the policy.
+    """Refuse an environment with other observation or action sizes than the policy's.
 
     Raises:
-        JointMismatch: says what, with both sizes.
+        JointMismatch: names the space and both sizes.
     """
     wanted = len(policy.tensors[MEAN]), len(policy.tensors["action_net.bias"])
     shapes = env.observation_space.shape, env.action_space.shape
@@ -105,7 +105,7 @@ def check_spaces(policy: Policy, env: gymnasium.Env[Array, Array] | VecEnv) -> N
 
 
 def fill(ppo: PPO, policy: Policy, folder: Path) -> None:
-    """Put a policy's weights and statistics into PPO's networks.
+    """Copy a policy's weights and statistics into PPO's networks.
 
     Raises:
         CheckpointError: weights are missing or have another shape.

@@ -27,7 +27,7 @@ from nas_data.simulators.engines import load_simulator
 
 Start = Literal["rest", "random"]
 
-FASTEST = 100_000.0  # [Hz] beyond any robot's control rate
+FASTEST = 100_000.0  # [Hz] above any robot's control rate
 LONGEST = 86_400.0  # [s] an episode of a day
 SECONDS = 3.0  # [s] of an episode, as in the paper's recordings
 
@@ -55,36 +55,36 @@ def record(
     actuators: Actuators = "position",
     progress: Progress | None = None,
 ) -> Dataset:
-    """Play commands on a simulated target, and return what its sensors would have reported.
+    """Play commands on a simulated target, and return its simulated sensor readings.
 
     Args:
         robot: A robot's name, or an MJCF or URDF file.
-        env: An environment instead: its robot and rate, its own starts, and a signal in its action space.
-        dynamics: What the target is, for `env`: one of the environment's dynamics.
-        effects: Effects that the target has, for example `"backlash:joint=m3,half_width=0.02"`.
-        report: A gap report, or its folder, whose effects and retuned base the target has as well.
+        env: An environment instead of a robot: its model, rate, initial states, and commands in its action space.
+        dynamics: Dynamics of the target, for `env`: one of the environment's dynamics.
+        effects: Effects of the target, for example `"backlash:joint=m3,half_width=0.02"`.
+        report: A gap report, or its folder, whose effects and retuned parameters are added to the target.
         excitation: Command signal, `NAME` or `NAME:PARAMETER=NUMBER,…`.
         commands: A CSV file of commands to play instead, in columns `<joint>.pos`, `.vel` or `.effort`.
         episodes: Number of episodes.
-        seconds: Length of each [s]; 3, or an environment's own, where None.
-        rate: Control rate [Hz]; the robot's own where None.
-        start: First pose: the robot's rest, or random within a fifth of each range.
-        joints: Move only these joints, the others resting; all by default.
+        seconds: Length of each [s]; None for 3, or the environment's.
+        rate: Control rate [Hz]; None for the robot's.
+        start: First pose: the robot's rest pose, or random within a fifth of each range.
+        joints: Move only these joints; the others hold their rest position. All by default.
         noise: Standard deviation of the measured positions [rad].
-        quantum: Resolution of the measured positions [rad]; 0 for exact readings, the robot's own where None.
+        quantum: Resolution of the measured positions [rad]; 0 for exact readings, None for the robot's.
         velocity_noise: Standard deviation of the measured velocities [rad/s].
-        seed: Of commands, poses and noise; same seed, same bits.
-        blind: Keep the effects out of the provenance, for tests in which they are to be found.
+        seed: Seed of commands, poses and noise; same seed, same bits.
+        blind: Omit the effects from the provenance, to test whether they are found.
         engine: `mujoco` or `bullet`.
-        actuators: What moves the joints of a URDF: `position` servos, or motors (`torque`).
-        progress: Told how many episodes are recorded.
+        actuators: Actuators for a URDF: `position` servos, or motors (`torque`).
+        progress: Called with the number of recorded episodes.
 
     Returns:
         Transitions at the control rate, with velocities; `save` writes them.
 
     Raises:
         OptionError, UnknownName: a value is out of its range, or there is no such robot, environment or effect.
-        JointMismatch, LogError: joints or the file of commands do not fit the robot.
+        JointMismatch, LogError: joints or the command file do not fit the robot.
         ModelFileError: the model cannot be used.
     """
     if env is None:
@@ -130,10 +130,10 @@ def make_target(
     rate: float | None,
     engine: str,
 ) -> Target:
-    """Return a robot with effects and sensors as what is recorded.
+    """Return a robot with effects and sensors as the target of a recording.
 
     Raises:
-        OptionError: the control rate cannot be.
+        OptionError: the control rate is invalid.
     """
     rate = robot.rate if rate is None else rate
     if not 0 < rate <= FASTEST:
@@ -146,11 +146,11 @@ def make_target(
 
 
 def make_readings(robot: Robot, noise: float, quantum: float | None, velocity_noise: float) -> Readings:
-    """Return noise and quantisation of a robot's sensors."""
+    """Return the sensor model: noise and quantisation."""
     return Readings(
         noise=noise,
         quantum=robot.position_quantum if quantum is None else quantum,
         velocity_noise=velocity_noise,
-        # whoever asks for exact positions does not want a coarse velocity register either
+        # exact positions imply an exact velocity register
         velocity_quantum=0.0 if quantum == 0 else robot.velocity_quantum,
     )

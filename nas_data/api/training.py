@@ -1,4 +1,4 @@
-"""Train φ and ψ on a dataset in memory or in a folder."""
+"""Training of φ and ψ on a dataset in memory or in a folder."""
 
 import json
 import tempfile
@@ -37,19 +37,19 @@ from nas_data.sources import collect_source_files, find_source, read_kept_files
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingRequest:
-    """What is trained, from what, and where to.
+    """Arguments of a training.
 
     Attributes:
         kind: `delta` for φ, `forward` for ψ.
-        options: How to train.
-        model: The source, where the dataset keeps none.
-        engine: Its engine.
-        actuators: What moves the joints of a URDF.
-        out: Folder of the training; None for one that is removed afterwards.
+        options: Options of the training.
+        model: The source, if the dataset stores none.
+        engine: Physics engine of the source.
+        actuators: Actuators for a URDF.
+        out: Folder of the training; None for a temporary one.
         device: torch device.
-        episodes: Which of the recording's episodes the dataset holds, for provenance; empty for all.
-        progress: Told of each validation.
-        count: Told of control steps done and to do in the last rollouts; `progress` is where None.
+        episodes: Numbers of the dataset's episodes in the recording, for provenance; empty for all.
+        progress: Called with a message per validation.
+        count: Called with the control steps done and in total in the last rollouts; None for `progress`.
     """
 
     kind: Kind
@@ -81,20 +81,20 @@ def train_delta(
 
     Args:
         dataset: Paired transitions, or their folder.
-        model: The source that it was paired with; needed only where the dataset keeps none.
-        engine: `mujoco` or `bullet`; the source's own where None.
-        out: Folder for checkpoint, history and TensorBoard files, in which an interrupted training goes on; in memory
-            where None.
-        preset: `fast`, `few`, `symmetric` or `paper`, or options of one's own.
-        updates: Updates in free running, in place of the preset's; 0 trains by teacher forcing.
-        seed: Of weights, split, order and windows, in place of the preset's; same seed, same bits.
-        device: torch device; a GPU where there is one by default.
-        actuators: What moves the joints of a URDF given as model.
-        progress: Told of each validation in a line.
+        model: Source of the pairing; only needed if the dataset stores none.
+        engine: `mujoco` or `bullet`; None for the source's own.
+        out: Folder for checkpoint, history and TensorBoard files, where an interrupted training resumes; None for
+            memory only.
+        preset: `fast`, `few`, `symmetric` or `paper`, or custom options.
+        updates: Updates in free running; None for the preset's, 0 for teacher forcing.
+        seed: Seed of weights, split, order and windows; None for the preset's; same seed, same bits.
+        device: torch device; a GPU by default, if there is one.
+        actuators: Actuators for a URDF given as model.
+        progress: Called with a message per validation.
 
     Raises:
         DatasetInvalid: the dataset is not paired, or too short.
-        JointMismatch: the source is another one than that of the predictions.
+        JointMismatch: the source is not that of the predictions.
         OutputExists: `out` holds something else.
         OptionError, UnknownName: a value is out of its range, or there is no such preset.
     """
@@ -126,7 +126,7 @@ def train_forward(
 ) -> LearnedModel:
     """Train ψ: (state, command) → measured next − current; it needs no simulator.
 
-    Arguments and errors are those of `train_delta`; the dataset need not be paired, and a model is only compared with.
+    Arguments and errors as for `train_delta`; the dataset need not be paired, and a model only serves for comparison.
     """
     request = TrainingRequest(
         kind="forward",
@@ -142,7 +142,7 @@ def train_forward(
 
 
 def choose_options(preset: str | TrainingOptions, updates: int | None, seed: int | None) -> TrainingOptions:
-    """Return a preset's options, some of them changed; None leaves one as it is."""
+    """Return a preset's options with changes; None leaves an option unchanged."""
     if isinstance(preset, str):
         return find_preset(preset, updates=updates, seed=seed)
     changed = {name: value for name, value in (("updates", updates), ("seed", seed)) if value is not None}
@@ -150,7 +150,7 @@ def choose_options(preset: str | TrainingOptions, updates: int | None, seed: int
 
 
 def train(dataset: Dataset, request: TrainingRequest) -> LearnedModel:
-    """Train φ or ψ on transitions, as `as_dataset` returns them; see `train_delta`."""
+    """Train φ or ψ on transitions of `as_dataset`; see `train_delta`."""
     if request.out is None:
         with tempfile.TemporaryDirectory() as brief:
             return replace(train(dataset, replace(request, out=Path(brief, "training"))), folder=None)
@@ -177,7 +177,7 @@ def train(dataset: Dataset, request: TrainingRequest) -> LearnedModel:
         notes.append(
             f"{training.phase.name}, {count_of(training.phase.updates, 'update')}; validation is {training.criterion}"
         )
-        for note in notes:  # only now: bad input is one sentence and nothing else
+        for note in notes:  # after all checks, so that bad input gives a single sentence
             say(note)
         network = run.run()
         held_out = None
@@ -192,7 +192,7 @@ def check_paired(dataset: Dataset) -> None:
     """Refuse a dataset without a source's predictions.
 
     Raises:
-        DatasetInvalid: says how to make one with them.
+        DatasetInvalid: it is not paired; the message names the command.
     """
     folder = find_folder(dataset)
     if folder is not None:
@@ -214,9 +214,9 @@ def find_training_source(
         if model is not None:
             raise
         if kind == "delta":
-            told = str(error).replace(str(kept_in[0]), str(find_name(dataset)))
+            reason = str(error).replace(str(kept_in[0]), str(find_name(dataset)))
             notes.append(
-                f"{told} Without it, training is by teacher forcing alone, and open-loop errors cannot be told."
+                f"{reason} Without it, training is by teacher forcing alone, and open-loop errors cannot be told."
             )
         return None, {}
     if kind == "delta" and dataset.paired:

@@ -1,1 +1,1 @@
-"""Benchmarks: speeds of two ways of the same work, and `blind`, which counts right names on sealed cases."""
+"""Speed benchmarks, and `blind`, which scores identified effects against sealed cases."""

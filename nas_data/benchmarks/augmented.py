@@ -36,7 +36,7 @@ class GymReacher(gymnasium.Env[np.ndarray, np.ndarray]):
     metadata = {"render_modes": []}  # noqa: RUF012 (not a ClassVar: Gymnasium's base class declares it as it is)
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        """Take the compiled model; several environments may share it."""
+        """Store the compiled model, which several environments may share."""
         self.model = model
         self.data = mujoco.MjData(model)
         self.tip = self.data.site(TIP).xpos
@@ -47,7 +47,7 @@ class GymReacher(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, object] | None = None
     ) -> tuple[np.ndarray, dict[str, object]]:
-        """Begin an episode."""
+        """Begin an episode; return observation and info, as in Gymnasium."""
         super().reset(seed=seed)
         start = TASK.start(self.np_random)
         mujoco.mj_resetData(self.model, self.data)
@@ -58,10 +58,10 @@ class GymReacher(gymnasium.Env[np.ndarray, np.ndarray]):
         return self._observe(), {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, object]]:
-        """Hold the commands for one control period."""
+        """Hold the commands for one control period; return what `gymnasium.Env.step` does."""
         self.data.ctrl[ACTIVE] = action * ANGLE
         self._move()
-        mujoco.mj_kinematics(self.model, self.data)  # after mj_step, sites are where they were a physics step ago
+        mujoco.mj_kinematics(self.model, self.data)  # mj_step leaves site positions of the previous physics step
         offset = self.tip - self.goal
         distance = float(np.sqrt(offset @ offset))
         reached = distance < REACHED
@@ -78,10 +78,10 @@ class GymReacher(gymnasium.Env[np.ndarray, np.ndarray]):
 
 
 class NaiveReacher(GymReacher):
-    """The same with φ as in the authors' code: one network per environment, called for one arm at a time."""
+    """`GymReacher` with φ as in the authors' code: one network per environment, called for one arm at a time."""
 
     def __init__(self, model: mujoco.MjModel, phi: DynamicsModel) -> None:
-        """Take the source and a copy of φ."""
+        """Store the source model and a copy of φ."""
         super().__init__(model)
         self.phi = copy.deepcopy(phi)
         self.memory = self.phi.initial_memory(1)
@@ -89,7 +89,7 @@ class NaiveReacher(GymReacher):
     def reset(
         self, *, seed: int | None = None, options: dict[str, object] | None = None
     ) -> tuple[np.ndarray, dict[str, object]]:
-        """Begin an episode, the network's memory zeroed."""
+        """Begin an episode with the network's hidden state zeroed."""
         self.memory = self.phi.initial_memory(1)
         return super().reset(seed=seed, options=options)
 
@@ -111,14 +111,14 @@ def make_dummy_vec_env(make: Callable[[], GymReacher], size: int) -> DummyVecEnv
     return DummyVecEnv([lambda: Monitor(TimeLimit(make(), TASK.horizon))] * size)
 
 
-MAX_ARMS = 64  # environments of a side
+MAX_ARMS = 64  # vectorised environments per side
 MINIBATCH = Hyperparameters().rollout // Hyperparameters().minibatches
-CORRECTION = 1e-5  # [rad, rad/s] so small that the arm moves as without φ: larger ones make the physics work more
+CORRECTION = 1e-5  # [rad, rad/s] negligible for the motion; larger corrections raise the cost of the physics
 GOALS = {"plain_16": 0.9, "plain_64": 1.0, "naive_16": 5.0, "batched_16": 0.8}
 
 
 def benchmark(scratch: Path, frames: int, rounds: int) -> BenchmarkResult:
-    """Time rollouts of PPO with their updates, in environments that differ only in how they are stepped.
+    """Time PPO rollouts with their updates, in environments that differ only in how they are stepped.
 
     Args:
         scratch: Unused.

@@ -1,4 +1,4 @@
-"""Datasets that benchmarks time: by the work of `nas record sim` and `nas pair`, and by LeRobot itself."""
+"""Datasets for the benchmarks: written as `nas record sim` and `nas pair` do, and by LeRobot itself."""
 
 import os
 import warnings
@@ -39,7 +39,7 @@ def lerobot(scratch: Path) -> Iterator["type[LeRobotDataset]"]:
     Raises:
         MissingPackage: LeRobot is not installed.
     """
-    # Both are read once, when the packages are first imported.
+    # LeRobot and `datasets` read both variables at import.
     os.environ.setdefault("HF_HUB_OFFLINE", "1")
     os.environ.setdefault("HF_DATASETS_DISABLE_PROGRESS_BARS", "1")
     try:

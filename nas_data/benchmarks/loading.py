@@ -1,4 +1,4 @@
-"""Reading a whole dataset into tensors against a DataLoader over LeRobot's `dataset[i]`."""
+"""Reading a whole dataset into tensors, compared with a DataLoader over LeRobot's `dataset[i]`."""
 
 from itertools import islice
 from pathlib import Path
@@ -21,13 +21,13 @@ OURS, OTHER = "nas, all frames", "DataLoader"
 
 
 def benchmark(scratch: Path, episodes: int, frames: int, batches: int, rounds: int) -> BenchmarkResult:
-    """Time our reader, from the files to one tensor per feature and episode, and LeRobot's reader.
+    """Time our reader (files to one tensor per feature and episode) and LeRobot's reader.
 
     Args:
         scratch: Empty folder.
         episodes: Episodes of the dataset.
         frames: Frames of each episode.
-        batches: Batches of 256 frames that the DataLoader reads in a round, the first of the dataset.
+        batches: Batches of 256 frames that the DataLoader reads in a round, from the start of the dataset.
         rounds: Number of timed rounds.
     """
     say(f"recording {episodes} episodes of {frames} frames …")

@@ -20,13 +20,13 @@ from nas_data.simulators.mujoco import CHUNK_STATES, MujocoSimulator
 
 ROBOT = "ergojr"
 RATE = 100.0  # [Hz]
-GOAL = 1 / 1.2  # pairing may take 1.2 times what the rollouts take
+GOAL = 1 / 1.2  # pairing may take 1.2 times as long as the rollouts
 OURS, MEMORY, BARE = "nas pair", "pair() in memory", "bare mujoco.rollout"
 
 
 @dataclass(frozen=True)
 class BareRollouts:
-    """The rollouts that pairing needs; everything else is done beforehand."""
+    """The `mujoco.rollout` calls of a pairing; states and controls are prepared beforehand."""
 
     model: mujoco.MjModel  # compiled source
     substeps: int  # physics steps per control step

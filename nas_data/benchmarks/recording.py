@@ -1,4 +1,4 @@
-"""Recording and pairing in bulk against stepping two Gymnasium environments into LeRobot's writer."""
+"""Bulk recording and pairing, compared with stepping two Gymnasium environments into LeRobot's writer."""
 
 from dataclasses import dataclass
 from itertools import count
@@ -29,21 +29,21 @@ ROBOT = "ergojr"
 RATE = 100.0  # [Hz]
 EFFECTS = ("backlash:joint=m3,half_width=0.02", "backlash:joint=m5,half_width=0.02")
 GOAL = 8.0
-ROUNDING = 1e-5  # [rad, rad/s] both play the same commands to the bit; single precision of 30 rad/s is 2e-6
+ROUNDING = 1e-5  # [rad, rad/s] both sides play identical commands; single precision of 30 rad/s is 2e-6
 OURS, OTHER = "nas record sim + nas pair", "Gymnasium + LeRobot"
 
 
 class GymArm(gymnasium.Env[np.ndarray, np.ndarray]):
-    """A robot in MuJoCo; observed are positions [rad] then velocities [rad/s], actions are position commands [rad].
+    """A robot in MuJoCo; actions are position commands [rad].
 
-    It is leaner than Gymnasium's `MujocoEnv` (no reward, no rendering, no second forward pass), so that the cost of
-    stepping environments is not overestimated.
+    Observations are positions [rad], then velocities [rad/s]. It is leaner than Gymnasium's `MujocoEnv` (no reward, no
+    rendering, no second forward pass), so that the cost of stepping environments is not overestimated.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012 (not a ClassVar: Gymnasium's base class declares it as it is)
 
     def __init__(self, simulator: MujocoSimulator) -> None:
-        """Take the model and the layout of its joints from a simulator."""
+        """Store the model and the joint layout of a simulator."""
         n = len(simulator.joints)
         self.model, self.layout, self.substeps = simulator.model, simulator.layout, simulator.substeps
         self.data = mujoco.MjData(self.model)
@@ -55,7 +55,7 @@ class GymArm(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, object] | None = None
     ) -> tuple[np.ndarray, dict[str, object]]:
-        """Start at rest at zero; `options={"settle": seconds}` first holds that pose for this time."""
+        """Start at rest at zero; `options={"settle": seconds}` holds that pose first."""
         super().reset(seed=seed)
         mujoco.mj_resetData(self.model, self.data)
         mujoco.mj_setState(self.model, self.data, self._rest, FULLPHYSICS)
@@ -72,7 +72,7 @@ class GymArm(gymnasium.Env[np.ndarray, np.ndarray]):
         self.data.qacc_warmstart[:] = 0.0
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, object]]:
-        """Hold the commands for one control period."""
+        """Hold the commands for one control period; return what `gymnasium.Env.step` does."""
         self.data.ctrl[self.layout.control] = self.layout.inputs.from_commands(action)
         mujoco.mj_step(self.model, self.data, nstep=self.substeps)
         return self._observe(), 0.0, False, False, {}
@@ -83,7 +83,7 @@ class GymArm(gymnasium.Env[np.ndarray, np.ndarray]):
 
 @dataclass(frozen=True)
 class Bulk:
-    """Our way: the work of both commands, up to a paired version on disk."""
+    """Our side: record and pair in bulk, up to a paired version on disk."""
 
     folder: Path  # folder of the versions
     episodes: int  # number of episodes
@@ -98,7 +98,7 @@ class Bulk:
 
 @dataclass(frozen=True)
 class Stepwise:
-    """The usual way: target and source as environments; the source is set to each measured state, frame by frame."""
+    """The usual approach: two environments; the source is set to the measured state in every frame."""
 
     folder: Path  # folder of the datasets
     kind: "type[LeRobotDataset]"  # LeRobot's dataset class
@@ -108,7 +108,7 @@ class Stepwise:
 
     @classmethod
     def of(cls, folder: Path, kind: "type[LeRobotDataset]", reference: Dataset) -> "Stepwise":
-        """Build both environments on the same models as our way."""
+        """Build both environments from the models of the bulk side."""
         target = MujocoSimulator.load(ROBOT, 1 / RATE, effects=[parse(text) for text in EFFECTS])
         source = MujocoSimulator.load(ROBOT, 1 / RATE)
         return cls(folder, kind, reference, GymArm(target), GymArm(source))

@@ -1,4 +1,4 @@
-"""Result of a benchmark: every side timed once a round, so that other load affects all; ratios, and the hardware."""
+"""Result of a benchmark: times of each side, their ratios, and the hardware."""
 
 import os
 import platform
@@ -61,10 +61,10 @@ class Times:
 
 
 def take_turns(sides: Mapping[str, Work], rounds: int) -> dict[str, Times]:
-    """Time several ways of the same work.
+    """Time several implementations of the same work.
 
-    Each side runs once beforehand without timing, for imports, caches and compilers. The order is reversed after each
-    round.
+    Each side runs once untimed, for imports, caches and compilers. Sides then alternate, in reversed order after each
+    round, so that other load affects all of them.
 
     Args:
         sides: Name of a side → its work, which returns the number of frames.
@@ -73,9 +73,9 @@ def take_turns(sides: Mapping[str, Work], rounds: int) -> dict[str, Times]:
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in sides}
     for number in range(rounds + 1):
         for name in list(sides) if number % 2 else reversed(list(sides)):
-            begun, spent = time.perf_counter(), time.process_time()
+            start, spent = time.perf_counter(), time.process_time()
             frames = sides[name]()
-            took = (time.perf_counter() - begun) / frames, (time.process_time() - spent) / frames
+            took = (time.perf_counter() - start) / frames, (time.process_time() - spent) / frames
             if number:
                 found[name].append(took)
                 say(f"round {number} of {rounds}: {name} {took[0] * 1e6:.4g} µs a frame")

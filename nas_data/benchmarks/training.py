@@ -1,4 +1,4 @@
-"""Our training of φ against the paper's recipe: learning curves, and processor time to the same held-out loss."""
+"""Our training of φ against the paper's recipe: learning curves, and processor time to equal held-out loss."""
 
 import math
 import time
@@ -20,7 +20,7 @@ from nas_data.runs.progress import say
 
 ENVIRONMENT, DYNAMICS = "ErgoReacher", "backlash"
 PAPER = preset("paper")
-TUNED = replace(PAPER, rate=1e-3)  # what a user finds who tries the next smaller decade
+TUNED = replace(PAPER, rate=1e-3)  # what tuning by factors of ten finds
 FAST = preset("fast", updates=0)
 RECIPE = replace(FAST, relative=PAPER.relative, shortcut=PAPER.shortcut)
 GOAL = 8.0
@@ -29,7 +29,7 @@ GOAL_TUNED = 1.0
 
 @dataclass(frozen=True)
 class Point:
-    """The end of an epoch."""
+    """State of a training at the end of an epoch."""
 
     cpu: float  # processor time since the start of the training [s], without validations
     wall: float  # elapsed time [s], without validations
@@ -41,16 +41,16 @@ Curve = tuple[Point, ...]
 
 @dataclass(frozen=True)
 class Race:
-    """The trainings of one seed, on the same split of the same episodes."""
+    """Learning curves of one seed, all on the same split of the same episodes."""
 
-    paper: Curve  # the paper's recipe, stopped when its budget was spent
+    paper: Curve  # the paper's recipe, stopped when its time was used up
     tuned: Curve  # the same with a tenth of its learning rate
-    fast: Curve  # our preset, stopped when it was as good as both
-    recipe: Curve  # how our preset trains, on the paper's network
+    fast: Curve  # our preset, stopped when its loss was as low as both
+    recipe: Curve  # our preset's recipe on the paper's network
 
     @classmethod
     def run(cls, dataset: Dataset, seed: int, budget: float) -> "Race":
-        """Train all four; the paper's recipe and its tuned form have a budget of processor time [s] each."""
+        """Run the four trainings; the paper's recipe and its tuned form get `budget` seconds of processor time each."""
         paper, tuned = (
             learn(dataset, replace(options, seed=seed), lambda point: point.cpu >= budget) for options in (PAPER, TUNED)
         )
@@ -73,22 +73,22 @@ class Race:
 
 
 def benchmark(scratch: Path, episodes: int, budget: int, seeds: int) -> BenchmarkResult:
-    """Give the paper's recipe a budget, then train ours until its held-out loss is as low.
+    """Measure how much sooner our preset reaches the held-out loss of the paper's recipe.
 
     The paper's recipe (batch 1, Adam, learning rate 0.01; appendix A.1) trains φ for `budget` seconds of processor
-    time; its loss is the best it had on the held-out episodes by then. The ratio `training_vs_paper` is that time
-    over the processor time of our preset `fast` from its start to the end of the first epoch with a loss as low, in
-    the median over seeds. Both train by teacher forcing on the same episodes, with the same ones held out and the
-    same normalisation of the loss; validations cost neither of them time. A loss that is never reached counts as 0.
+    time. Its loss is the lowest on the held-out episodes until then. Our preset `fast` trains until the end of the
+    first epoch with a loss as low. `training_vs_paper` is the ratio of the two times, median over seeds; 0 if that loss
+    is never reached. Both use teacher forcing, the same episodes, the same split and the same normalisation of the
+    loss. The time of validations does not count.
 
-    Beside it: `training_vs_tuned`, the same against the paper's recipe at a tenth of its learning rate, and
-    `recipe_vs_paper`, our way to train on the paper's network, without what our preset adds to its inputs and outputs.
+    Two more ratios: `training_vs_tuned`, against the paper's recipe at a tenth of its learning rate, and
+    `recipe_vs_paper`, our recipe on the paper's network.
 
     Args:
         scratch: Empty folder.
         episodes: Episodes of ErgoReacher with backlash, one second each.
         budget: Processor time [s].
-        seeds: How many, from 0.
+        seeds: Number of seeds, from 0.
     """
     say(f"recording {episodes} episodes …")
     recording = record(env=ENVIRONMENT, dynamics=DYNAMICS, episodes=episodes, quantum=0.0)
@@ -112,7 +112,7 @@ def benchmark(scratch: Path, episodes: int, budget: int, seeds: int) -> Benchmar
 
 
 def as_times(races: Sequence[Race]) -> dict[str, Times]:
-    """Return the times of each side, one round a seed."""
+    """Return the times of each side, one round per seed."""
     rows = [race.seconds() for race in races]
     return {
         side: Times(wall=tuple(row[side][1] for row in rows), cpu=tuple(row[side][0] for row in rows))
@@ -121,7 +121,7 @@ def as_times(races: Sequence[Race]) -> dict[str, Times]:
 
 
 def describe_losses(race: Race) -> str:
-    """Say what losses were reached."""
+    """Describe the losses reached, in one sentence."""
     paper, tuned, fast = race.paper[-1], race.tuned[-1], race.fast[-1]
     return (
         f"held-out loss {paper.loss:.3f} by the paper's recipe in {len(race.paper)} epochs, {tuned.loss:.3f} at a "
@@ -172,7 +172,7 @@ class Stopwatch:
         self.go()
 
     def go(self) -> None:
-        """Continue."""
+        """Start or continue."""
         self._since = time.process_time(), time.perf_counter()
 
     def stop(self) -> None:

@@ -1,4 +1,4 @@
-"""What commands that take a model share: which actuators a URDF has, which does not say it."""
+"""Option of commands that take a model: the actuators of a URDF, which defines none."""
 
 from dataclasses import dataclass
 from typing import Literal, overload
@@ -9,10 +9,10 @@ from nas_data.errors import OptionError
 
 @dataclass(frozen=True, kw_only=True)
 class TakesModel(Command):
-    """A command one of whose options is a model."""
+    """A command with a model among its options."""
 
     actuators: Literal["position", "torque"] = "position"
-    """What moves the joints of a URDF, which names none: position servos, or motors (torques; forces of slides)."""
+    """Actuators for a URDF, which defines none: position servos, or motors (torques; forces for slides)."""
 
     @overload
     def actuated(self, model: str) -> str: ...
@@ -21,7 +21,7 @@ class TakesModel(Command):
     def actuated(self, model: str | None) -> str | None: ...
 
     def actuated(self, model: str | None) -> str | None:
-        """Return a model as `find_robot` takes it, with these actuators.
+        """Return a model with these actuators, as an argument of `find_robot`.
 
         Raises:
             OptionError: no model is given.

@@ -1,4 +1,4 @@
-"""What the timing benchmarks share: options that are sizes, a folder that goes afterwards, a table of times."""
+"""Base of the timing benchmarks: options are sizes, the folder is temporary, the result is a table of times."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """A command whose options are sizes; `BenchmarkPairing` runs `benchmark` of `nas_data/benchmarks/pairing.py`."""
+    """Base of the timing benchmarks; `BenchmarkPairing` runs `benchmark` of `nas_data/benchmarks/pairing.py`."""
 
     def run(self) -> CommandResult:
-        """Measure in a folder that is removed afterwards.
+        """Run the benchmark in a temporary folder.
 
         Raises:
             OptionError: a size is below one.

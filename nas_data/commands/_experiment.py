@@ -1,4 +1,4 @@
-"""What the experiments' commands share: options, and how a request is made of them."""
+"""Bases of the experiments' commands: options, and the request made from them."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,20 +18,20 @@ class ExperimentCommand(Command):
     experiment: ClassVar[str]
 
     env: tuple[str, ...] = ()
-    """Environments; the paper's where left out, with --quick the first of them."""
+    """Environments; the paper's by default, with --quick the first of them."""
     dynamics: str = "backlash"
-    """What the target is: one of the environments' dynamics."""
+    """Dynamics of the target: one of the environments' dynamics."""
     engine: Literal["mujoco", "bullet"] = "mujoco"
-    """What computes the target; MuJoCo computes the source, so that `bullet` adds a gap that nobody designed."""
+    """Physics engine of the target; the source runs in MuJoCo, so that `bullet` adds the difference of the engines."""
     workers: int = 1
-    """Trainings side by side, each in a process of one thread."""
+    """Parallel trainings, each in a process of one thread."""
     quick: bool = False
-    """The shape in a few minutes, from so little that it is no result; kept apart from the full experiment."""
+    """A trial run in a few minutes with too little data for a result; stored apart from the full experiment."""
     out: Path = Path("runs/experiments")
     """Folder of results, and of the recordings, models and policies that the experiments share."""
 
     def run(self) -> CommandResult:
-        """Make the experiment, or go on with it."""
+        """Run or resume the experiment."""
         from nas_data.studies.experiments.base import Request, find_experiment
         from nas_data.studies.experiments.pipeline.run import run_experiment
         from nas_data.studies.experiments.pipeline.sizes import FULL, QUICK
@@ -52,13 +52,13 @@ class ExperimentCommand(Command):
         return CommandResult(made.text, made.data)
 
     def sizes(self) -> "Sizes":
-        """Return how large everything is."""
+        """Return the sizes of the experiment."""
         from nas_data.studies.experiments.pipeline.sizes import FULL, QUICK
 
         return QUICK if self.quick else FULL
 
     def chosen_methods(self) -> tuple[str, ...]:
-        """Return the methods to compare; the experiment's own where empty."""
+        """Return the methods to compare; empty for the experiment's own."""
         return ()
 
 
@@ -67,15 +67,15 @@ class PolicyExperimentCommand(ExperimentCommand):
     """Options of experiments that train policies."""
 
     seeds: tuple[int, ...] = ()
-    """Seeds of every method; five where left out, with --quick two."""
+    """Seeds of every method; five by default, with --quick two."""
     frames: int | None = None
-    """Control steps of each policy; two million as in the paper where left out."""
+    """Control steps of each policy; two million by default, as in the paper."""
     ppo: Literal["ours", "authors"] = "ours"
-    """Rollouts of 16 arms × 512 steps, as long as in the paper's robot experiments, or the authors' in simulation:
-    one arm × 2048 steps, 32 minibatches of 64, 10 epochs."""
+    """Hyperparameters of PPO: ours, 16 arms × 512 steps per rollout, as long as in the paper's robot experiments; or
+    the authors' in simulation, one arm × 2048 steps, 32 minibatches of 64, 10 epochs."""
 
     def sizes(self) -> "Sizes":
-        """Return how large everything is, with what was given."""
+        """Return the sizes of the experiment with the given options."""
         from dataclasses import replace
 
         sizes = super().sizes()
@@ -88,7 +88,7 @@ class MethodsExperimentCommand(PolicyExperimentCommand):
     """Options of experiments that compare methods."""
 
     methods: tuple[str, ...] = ()
-    """Methods: expert, source, forward, nas, named, named_nas, randomised; all where left out."""
+    """Methods: expert, source, forward, nas, named, named_nas, randomised; all by default."""
 
     def chosen_methods(self) -> tuple[str, ...]:
         """Return the methods to compare."""

@@ -1,4 +1,4 @@
-"""What the commands that show an episode share: the recording, the models beside it, and which episode."""
+"""Options of the commands that show an episode: recording, models and episode."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,20 +14,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ShowsEpisode(TakesModel):
-    """A command that shows an episode as it was measured, and as models have it."""
+    """A command that shows an episode as measured and as predicted by models."""
 
     dataset: tyro.conf.Positional[Path]
     """Dataset: a version's folder, or datasets/NAME for its newest version."""
     model: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    """Model file or robot to show beside what was measured; may be given several times. The source kept with the
-    dataset otherwise."""
+    """Model file or robot to show with the measured arm; may be given several times. Default: the source stored with
+    the dataset."""
     engine: str | None = None
-    """Engine of the models: mujoco or bullet; mujoco for models given, else the one in which the dataset was paired."""
+    """Physics engine of the models: mujoco or bullet. Default: mujoco for given models, else that of the pairing."""
     episode: int = 0
-    """Which episode."""
+    """Number of the episode."""
 
     def motion(self) -> "tuple[Path, Motion]":
-        """Return the dataset's folder, and how the arms move in the episode."""
+        """Return the dataset's folder, and the motion of the arms in the episode."""
         from nas_data.dataset import versions
         from nas_data.dataset.dataset import Dataset
         from nas_data.errors import OptionError

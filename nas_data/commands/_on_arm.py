@@ -54,7 +54,7 @@ class OnArm:
         return self.options.hits or SIMULATED
 
     def run(self) -> CommandResult:
-        """Roll out every policy, except for saved episodes; with --finish, only make the dataset of these."""
+        """Roll out every policy, except for saved episodes; with --finish, only write the dataset."""
         if self.options.finish:
             return self._finish()
         environment = load_policy(find_policies(self.options.policies[0])[0]).environment
@@ -69,7 +69,7 @@ class OnArm:
             tally.sittings += 1
             if saved:
                 saved.resume(self._recorder(plan, environment, arms))
-            with self._reporting_saved(saved, plan), arms.open(task, tally) as on:
+            with self._report_saved(saved, plan), arms.open(task, tally) as on:
                 scores = self._roll_out(plan, on, saved)
             path = saved.finish(describe_tally(tally)) if saved else None
         return self._make_result(plan, environment, scores, tally, path)
@@ -89,7 +89,7 @@ class OnArm:
         return scores
 
     @contextmanager
-    def _reporting_saved(self, saved: Saved | None, plan: EvaluationPlan) -> Iterator[None]:
+    def _report_saved(self, saved: Saved | None, plan: EvaluationPlan) -> Iterator[None]:
         """Report the saved episodes at the beginning, and at the end if the context is left by an error."""
         if saved is None:
             yield
@@ -109,7 +109,7 @@ class OnArm:
             raise
 
     def _finish(self) -> CommandResult:
-        """Make a dataset of the saved episodes."""
+        """Write the dataset of the saved episodes."""
         assert self.options.record is not None
         with saved_as(self.options.record) as saved:
             path = saved.finish(describe_tally(saved.tally))
@@ -121,7 +121,7 @@ class OnArm:
         return CommandResult(text, {"dataset": path, "returns": returns, **convert_tally_to_json(saved.tally)})
 
     def _arms(self, task: Task, stack: ExitStack) -> ArmSetup:
-        """Open the ports; the stack closes them and ends virtual arms."""
+        """Open the ports; the stack closes them and terminates virtual arms."""
         ports = [name for name in (self.port, self.options.defender_port) if name]
         if self.port == self.options.defender_port != VIRTUAL:
             raise OptionError(f"Both arms are said to be on {self.port}; each needs an adapter of its own.")

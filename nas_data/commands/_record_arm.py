@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from nas_data.recorders.session import PlaybackProtocol
     from nas_data.robots.base import Robot
 
-COOLEST = 35.0  # [°C] a servo cools little further in a warm room, and the arm would rest for ever
+COOLEST = 35.0  # [°C] lower thresholds may never be reached in a warm room, so that the arm would rest for ever
 SHUTDOWN = 65.0  # [°C] lowest temperature limit of a new servo, XL-320 e-manual
-LONGEST = 3600.0  # [s] of an episode, which is lost as a whole where something fails
+LONGEST = 3600.0  # [s] of an episode, which is lost as a whole after a failure
 VIRTUAL = "virtual"
 
 
@@ -31,36 +31,36 @@ VIRTUAL = "virtual"
 class RecordArm(Command):
     """Base of the commands that record an arm."""
 
-    FASTEST: ClassVar[float]  # control rate [Hz] beyond which servos do not answer in time
+    FASTEST: ClassVar[float]  # control rate [Hz] above which servos do not answer in time
 
     episodes: int = 500
     """Number of episodes; the paper's protocol has 500."""
     seconds: float = 3.0
-    """Length of an episode [s]; three targets of a second each in the paper's protocol."""
+    """Length of an episode [s]; three targets of one second each in the paper's protocol."""
     excitation: str = "steps"
     """Command signal, NAME or NAME:PARAMETER=NUMBER,…, such as steps, babbling, sine, multisine, triangle or chirp."""
     commands: Path | None = None
-    """Play a CSV file instead: columns <joint>.pos [rad], one row a control step, optional column 'episode'."""
+    """Play a CSV file instead: columns <joint>.pos [rad], one row per control step, optional column 'episode'."""
     start: Literal["rest", "random"] = "rest"
-    """First pose of each episode: the robot's rest, or random within a fifth of each range."""
+    """First pose of each episode: the robot's rest pose, or random within a fifth of each range."""
     joints: tuple[str, ...] = ()
-    """Move only these joints, the others resting; all by default."""
+    """Move only these joints; the others hold their rest position. All by default."""
     seed: int = 0
     """Seed of commands and poses."""
     hot: float = 55.0
-    """Temperature of a servo at which the arm rests [°C]; it would shut down at 65."""
+    """Servo temperature at which the arm pauses [°C]; servos shut down at 65."""
     finish: bool = False
-    """Record nothing more: make the dataset of what is saved."""
+    """Record no more episodes: write the dataset of the saved ones."""
     effect: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """An effect of the virtual arm, NAME:joint=JOINT,PARAMETER=NUMBER; may be given several times."""
     fault: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    """A fault of the virtual arm, NAME:PARAMETER=NUMBER, for example unplugged:servo=3,after=20; as often as wanted."""
+    """A fault of the virtual arm, NAME:PARAMETER=NUMBER, as in unplugged:servo=3,after=20; may be given repeatedly."""
     lockstep: bool = False
-    """Let the virtual arm move as fast as the machine can, instead of in real time."""
+    """Simulate the virtual arm as fast as the machine can, instead of in real time."""
     blind: bool = False
-    """Keep the virtual arm's effects out of the provenance, for tests in which they are to be found."""
+    """Omit the virtual arm's effects from the provenance, to test whether they are found."""
     name: str | None = None
-    """Name of the dataset: the next version of datasets/NAME; ROBOT_EXCITATION where not given."""
+    """Name of the dataset: the next version of datasets/NAME; ROBOT_EXCITATION by default."""
     out: Path | None = None
     """Write to exactly this folder instead."""
     rate: float
@@ -69,7 +69,7 @@ class RecordArm(Command):
     @property
     @abstractmethod
     def kind(self) -> str:
-        """Name of the robot, as datasets have it."""
+        """Name of the robot in datasets."""
 
     @property
     @abstractmethod
@@ -94,7 +94,7 @@ class RecordArm(Command):
         """Return a phrase for the kind of virtual arm."""
 
     def run(self) -> CommandResult:
-        """Record the episodes that are not saved yet, and make the dataset."""
+        """Record the episodes that are not saved yet, and write the dataset."""
         from nas_data.dataset.incremental_writer import IncrementalWriter
         from nas_data.dataset.versions import check_destination
         from nas_data.dataset.write_lock import hold_write_lock
@@ -121,7 +121,7 @@ class RecordArm(Command):
 
         robot = self.arm_model()
         with self.driver() as driver, stop_on_signals():
-            check_arm(driver)  # before the plan is drawn, which takes a while
+            check_arm(driver)  # before the plan, which takes a while
             setup = Setup(
                 driver=driver,
                 planner=PathPlanner(restrict_to_arm(robot, driver)),
@@ -137,18 +137,14 @@ class RecordArm(Command):
             recording.run(lambda saved, warmest: count(saved, wanted, f"servos up to {warmest:.0f} °C"))
 
     def _plan(self, growing: "IncrementalWriter", protocol: "PlaybackProtocol", robot: "Robot") -> "MotionPlan":
-        """Return the plan of the recording; a resumed recording must have the same plan.
-
-        Raises:
-            OptionError: the recording in progress has another plan.
-        """
+        """Return the plan of the recording; raise OptionError if a resumed recording has another plan."""
         from nas_data.recorders.arm import PLAN
         from nas_data.recorders.arm_plan import MotionPlan, draw_plan, plan_key
         from nas_data.recorders.recording_folder import make_other_recording_error
 
         if not growing.episodes:
             return draw_plan(robot, protocol, self.rate, self.speed, Counting("planned"))
-        if not (growing.root / PLAN).is_file():  # rollouts of policies have none
+        if not (growing.root / PLAN).is_file():  # recordings of policy rollouts have no plan
             raise make_other_recording_error(growing.root, "another command")
         plan = MotionPlan.from_bytes((growing.root / PLAN).read_bytes())
         if plan.key != plan_key(robot, protocol, self.rate, self.speed):
@@ -156,7 +152,7 @@ class RecordArm(Command):
         return plan
 
     def _finish(self, growing: "IncrementalWriter", name: str) -> CommandResult:
-        """Make a dataset of the saved episodes, and remove the recording."""
+        """Write the dataset of the saved episodes, and remove the recording."""
         from nas_data.dataset.content import hash_content
         from nas_data.dataset.provenance import read_provenance
         from nas_data.dataset.read import read

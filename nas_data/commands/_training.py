@@ -1,4 +1,4 @@
-"""What `nas train delta` and `nas train forward` share: options, data, source, training, evaluation."""
+"""Base of `nas train delta` and `nas train forward`: options, data, source, training, evaluation."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,41 +13,41 @@ from nas_data.runs.progress import Counting, say
 
 @dataclass(frozen=True, kw_only=True)
 class Train(TakesModel):
-    """Options of a training; None leaves the preset's value."""
+    """Options of a training; None for the preset's value."""
 
     kind: ClassVar[Literal["delta", "forward"]]
 
     dataset: tyro.conf.Positional[Path]
     """Dataset: a version's folder, or datasets/NAME for its newest version."""
     out: Path | None = None
-    """Folder for checkpoint, history and TensorBoard files; runs/KIND-NAME-seedN otherwise."""
+    """Folder for checkpoint, history and TensorBoard files; runs/KIND-NAME-seedN by default."""
     model: str | None = None
-    """Source that the dataset was paired with, a model file or robot; needed only where the dataset keeps none."""
+    """Source that the dataset was paired with, a model file or robot; only needed if the dataset stores none."""
     engine: str | None = None
-    """Engine of the source: mujoco or bullet; the one it was paired in where it is kept, else mujoco."""
+    """Physics engine of the source: mujoco or bullet. Default: that of the pairing if it is stored, else mujoco."""
     preset: str = "fast"
-    """fast; few, for recordings of a few minutes (one layer, short windows, strong weight decay); symmetric, for as
-    little of an arm that takes torques and whose model says how it is symmetric (φ corrects the torques); or paper (its
-    published recipe: teacher forcing, batch 1, learning rate 0.01, 250 epochs)."""
+    """Hyperparameters: fast; few, for recordings of a few minutes (one layer, short windows, strong weight decay);
+    symmetric, for equally short recordings of a torque-controlled arm whose model states its symmetries (φ corrects
+    the torques); or paper (teacher forcing, batch 1, learning rate 0.01, 250 epochs)."""
     hidden: int | None = None
     """Units of each LSTM layer (128, 256 or 100 in the paper)."""
     epochs: int | None = None
-    """Passes over the data with teacher forcing (with --updates 0, or where the source is not at hand)."""
+    """Passes over the data with teacher forcing (with --updates 0, or if the source is not available)."""
     updates: int | None = None
-    """Updates in free running; 0 trains by teacher forcing."""
+    """Updates with free-running (multi-step) rollouts; 0 trains by teacher forcing."""
     horizon: int | None = None
-    """Longest free-running window [frames]."""
+    """Longest free-running rollout [frames]."""
     validation: float | None = None
-    """Share held out for early stopping: of the episodes, or of each where they are few."""
+    """Share held out for early stopping: of the episodes, or of the frames of each episode if there are few."""
     episodes: Annotated[tuple[int, ...], tyro.conf.arg(metavar="N…")] = ()
     """Use only these episodes; all by default."""
     seed: int = 0
     """Seed of weights, split, order and windows."""
     device: str | None = None
-    """torch device; a GPU where there is one by default."""
+    """torch device; a GPU by default, if there is one."""
 
     def run(self) -> CommandResult:
-        """Train, evaluate on the held-out episodes beside the baselines, and say where the checkpoint lies."""
+        """Train, evaluate on the held-out episodes against the baselines, and report the path of the checkpoint."""
         from nas_data.api.training import TrainingRequest, train
         from nas_data.dataset import versions
         from nas_data.dataset.dataset import Dataset

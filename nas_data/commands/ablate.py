@@ -1,4 +1,4 @@
-"""How good φ, ψ and named effects get with how much data: amount × seed × kind, in a table and a figure."""
+"""Accuracy of φ, ψ and named effects against amount of data: amount × seed × kind, in a table and a figure."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
     from nas_data.studies.ablation.sweep import SweepPlan
     from nas_data.studies.ablation.sweep_data import Amount
 
-HEARTBEAT = 30.0  # [s] between two signs of life while trials run
-DEFAULT_COUNTS = (10, 25, 50, 100, 250, 500, 1000)  # training episodes, as far as they reach
+HEARTBEAT = 30.0  # [s] between two progress messages while trials run
+DEFAULT_COUNTS = (10, 25, 50, 100, 250, 500, 1000)  # training episodes, up to the available number
 QUICK = {"hidden": 32, "layers": 1, "updates": 40, "horizon": 60, "frames": 1600}  # a trial in seconds
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ablate(TakesModel):
-    """Learn from nested parts of a dataset, judge on held-out episodes, and say how much data is enough.
+    """Train on nested subsets of a dataset, test on held-out episodes, and report how much data is enough.
 
-    Trials already done are not done again; the same command goes on where it stopped. Trials by other code of nas_data
-    are kept, and done anew.
+    Finished trials are not repeated; the same command resumes an interrupted run. Trials of other versions of nas_data
+    are kept, and run again.
 
     Example: nas ablate datasets/arm --counts 10,25,50,100 --seeds 0,1,2 --kinds delta,forward --workers 2
 
@@ -36,45 +36,45 @@ class Ablate(TakesModel):
     dataset: tyro.conf.Positional[Path]
     """Dataset: a version's folder, or datasets/NAME for its newest version."""
     counts: tuple[str, ...] = ()
-    """Training episodes, such as 10,25,50,all; 10,25,50,100,all as far as they reach where left out."""
+    """Training episodes, such as 10,25,50,all. Default: 10,25,50,100,all, up to the available number."""
     minutes: tuple[str, ...] = ()
-    """Instead of --counts: minutes of data, cut out of training episodes; for few long episodes."""
+    """Minutes of data instead of --counts, cut out of training episodes; for a few long episodes."""
     seeds: tuple[str, ...] = ("0,1,2",)
-    """Seeds of what is held out, of the subsets and of the trainings."""
+    """Seeds of the held-out episodes, of the subsets and of the trainings."""
     kinds: tuple[str, ...] = ("delta,forward",)
-    """What learns: delta (φ), forward (ψ), named (the source with the effects that `nas gap` names), named_delta."""
+    """Models to train: delta (φ), forward (ψ), named (the source with effects named by `nas gap`), named_delta."""
     test: Path | None = None
-    """Another dataset that judges; without, a share of the episodes is held out, drawn per seed."""
+    """Dataset to test on; by default a share of the episodes is held out, drawn per seed."""
     held_out: float = 0.2
-    """That share."""
+    """Share of the held-out episodes."""
     effects: Path | None = None
-    """A gap report's folder, or its effects.json, for named kinds; named from each subset, in minutes, otherwise."""
+    """A gap report's folder, or its effects.json, for named kinds; by default, `nas gap` runs on each subset."""
     model: str | None = None
-    """Source, a model file or robot; needed only where the dataset keeps none."""
+    """Source, a model file or robot; only needed if the dataset stores none."""
     engine: str | None = None
-    """Engine of the source: mujoco or bullet; the one it was paired in where it is kept, else mujoco."""
+    """Physics engine of the source: mujoco or bullet. Default: that of the pairing if it is stored, else mujoco."""
     preset: str = "fast"
-    """How trainings go: fast, few, symmetric, or paper; see `nas train delta --help`."""
+    """Hyperparameters of the trainings: fast, few, symmetric, or paper; see `nas train delta --help`."""
     hidden: int | None = None
-    """Units of each LSTM layer; the preset's where left out."""
+    """Units of each LSTM layer; the preset's by default."""
     updates: int | None = None
-    """Updates of each training in free running; the preset's where left out."""
+    """Updates of each training with free-running rollouts; the preset's by default."""
     horizon: int | None = None
-    """Longest free-running window [frames]."""
+    """Longest free-running rollout [frames]."""
     quick: bool = False
-    """Small networks, trained briefly: the shape in minutes."""
+    """Small networks and short trainings: a trial run in minutes."""
     workers: int = 1
-    """Trials side by side, each in a process of one thread."""
+    """Parallel trials, each in a process of one thread."""
     executor: str = "local"
-    """Where trials run: local, on this machine, or ray, on the cluster that RAY_ADDRESS names (pip install
-    'nas_data[ray]'), whose machines share the working directory."""
+    """Where trials run: local, on this machine, or ray, on the cluster in RAY_ADDRESS (pip install 'nas_data[ray]'),
+    whose machines share the working directory."""
     retry: bool = False
-    """Do those trials again that failed."""
+    """Run failed trials again."""
     out: Path = Path("runs/ablation")
     """Folder of the trials' results, ablation.json, ablation.md and ablation.png."""
 
     def run(self) -> CommandResult:
-        """Check, sweep and summarise."""
+        """Check the options, run the trials and summarise them."""
         from nas_data.runs.environment_info import find_commit
         from nas_data.studies.ablation import summary, write
         from nas_data.studies.ablation.sweep import check, find_executor, open_sweep, run_sweep
@@ -109,7 +109,7 @@ class Ablate(TakesModel):
         return CommandResult("\n".join(text), {**files, **found.to_json(), **more}, ok=not failed)
 
     def _plan(self) -> "SweepPlan":
-        """Read the options."""
+        """Build the plan from the options."""
         from nas_data.dataset import versions
         from nas_data.studies.ablation.sweep import SweepPlan
         from nas_data.studies.ablation.sweep_data import SweepData, split_words
@@ -129,7 +129,7 @@ class Ablate(TakesModel):
         )
 
     def _amounts(self, episodes: int) -> "tuple[Amount, ...]":
-        """Return how much each trial learns from; `all` episodes as their number, so that no trial is done twice."""
+        """Return the amounts of data; `all` becomes the number of episodes, so that no trial runs twice."""
         from dataclasses import replace
 
         from nas_data.studies.ablation.sweep_data import divide, parse

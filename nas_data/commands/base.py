@@ -1,4 +1,4 @@
-"""What every command is: a frozen dataclass whose fields are its options and whose `run` does the work."""
+"""Base of the commands: a frozen dataclass whose fields are its options and whose `run` does the work."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,11 +11,11 @@ JsonValue = None | bool | int | float | str | list["JsonValue"] | dict[str, "Jso
 
 @dataclass(frozen=True)
 class CommandResult:
-    """What a command did."""
+    """Result of a command."""
 
-    text: str  # what a person reads; names where the result lies
-    data: Mapping[str, object] = field(default_factory=dict)  # the same for machines, printed by `--json`
-    ok: bool = True  # False where the command worked but its answer is "no" (a failed verification): exit code 1
+    text: str  # text output, with the path of the result
+    data: Mapping[str, object] = field(default_factory=dict)  # the result as JSON, printed with `--json`
+    ok: bool = True  # False for a negative answer (a failed verification): exit code 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,9 +26,9 @@ class Command:
 
     @classmethod
     def spell(cls, arguments: list[str]) -> list[str]:
-        """Return the words of the command line as the options below are spelt."""
+        """Return the command-line words with options renamed to the fields below."""
         return arguments
 
     def run(self) -> CommandResult:
-        """Do the work and say what was done."""
+        """Do the work and return the result."""
         raise NotImplementedError(f"{type(self).__name__} has no run()")

@@ -1,4 +1,4 @@
-"""Time PPO in the augmented environment against plain environments and one network an environment."""
+"""Time PPO in the augmented environment against plain environments and one network per environment."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from nas_data.commands._benchmark import Benchmark
 
 @dataclass(frozen=True, kw_only=True)
 class BenchmarkAugmented(Benchmark):
-    """Learn with PPO in environments with φ, without it, and with a network each, in turns; processor time counts.
+    """Time PPO in environments with one batched φ, without φ, and with one network each, alternating; processor time.
 
     Example: nas benchmark augmented --rounds 15
     """
@@ -15,4 +15,4 @@ class BenchmarkAugmented(Benchmark):
     frames: int = 2048
     """Frames of a rollout, over all environments; at least 64."""
     rounds: int = 15
-    """How often each side is timed; the median counts."""
+    """Number of timed rounds; the result is their median."""

@@ -1,4 +1,4 @@
-"""Hide effects in plants of other makes and grade what `nas gap` says about them."""
+"""Hide effects in independent simulators and grade what `nas gap` reports about them."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,17 +11,17 @@ from nas_data.runs.progress import say
 class BenchmarkGap(Command):
     """Draw blind cases, run the gap workflow on each, and compare its report with the sealed answers.
 
-    A finished case is never done again: the same command goes on where it was interrupted. Cases that other code of
-    nas_data judged are refused.
+    Finished cases are not repeated; the same command resumes an interrupted run. Cases of other versions of nas_data
+    are refused.
 
     Example: nas benchmark gap --families one,outside --plants numpy,bullet --cases 5 --out runs/blind
     """
 
     families: str = "one,two,three,none,outside"
-    """What hides: one, two or three effects, none, every (one effect in every joint), or something outside the
-    catalogue; with commas."""
+    """Hidden effects: one, two or three, none, every (one effect in every joint), or outside (not in the catalogue);
+    separated by commas."""
     plants: str = "numpy,bullet"
-    """What plays the robot: numpy, bullet, or mujoco for comparison; with commas."""
+    """Simulators that stand in for the robot: numpy, bullet, or mujoco for comparison; separated by commas."""
     cases: int = 40
     """Cases of each family on each plant."""
     seed: int = 0
@@ -29,18 +29,18 @@ class BenchmarkGap(Command):
     out: Path = Path("runs/blind")
     """Folder of the results and the cases."""
     setting: str = "xl320"
-    """What the cases look like: xl320 (one size, rate and resolution), any (2 to 7 joints of any size and rate), poor
-    (the same, in five episodes at 20 Hz), far (models with 3 to 50 times the true gain), torque (1 to 3 axes that turn
-    or slide, commanded by torques, episodes that begin in motion), or small (two joints, a few short episodes)."""
+    """Kind of cases: xl320 (one size, rate and resolution), any (2 to 7 joints of any size and rate), poor (the same in
+    five episodes at 20 Hz), far (models with 3 to 50 times the true gain), torque (1 to 3 torque-controlled hinges
+    or slides, episodes that begin in motion), or small (two joints, a few short episodes)."""
     power: bool = False
-    """Hide effects from 0.3 noise floors upwards, to see which size is found."""
+    """Hide effects from 0.3 noise floors upwards, to measure which sizes are found."""
     baselines: str = ""
-    """Other methods that are given the same cases: sysid, one_step, phi; with commas."""
+    """Other methods that get the same cases: sysid, one_step, phi; separated by commas."""
     keep: bool = False
     """Keep the datasets of finished cases."""
 
     def run(self) -> CommandResult:
-        """Run what is not finished, then tabulate everything."""
+        """Run the unfinished cases, then tabulate all."""
         from nas_data.benchmarks.blind.benchmark import BlindPlan, run
         from nas_data.benchmarks.blind.tables import make_tables, print_tables
         from nas_data.runs.environment_info import find_commit
@@ -50,23 +50,23 @@ class BenchmarkGap(Command):
         records = run(plan, self.out, investigate, say)
         found = make_tables(records)
         text = f"{len(records)} blind cases ({self.setting}), seed {self.seed}\n\n{print_tables(found)}\n→ {self.out}"
-        told = {
+        settings = {
             "out": self.out,
             "cases": len(records),
             "setting": self.setting,
             "seed": self.seed,
             "commit": find_commit(),
         }
-        return CommandResult(text, {**told, "tables": found})
+        return CommandResult(text, {**settings, "tables": found})
 
 
 def investigate(dataset: Path, model: Path, out: Path) -> None:
-    """Run the workflow under test as its users do."""
+    """Run the workflow under test as `nas gap` does."""
     from nas_data.gap import workflow
 
     workflow.investigate(dataset, model, out)
 
 
 def split_words(text: str) -> tuple[str, ...]:
-    """Split a list with commas."""
+    """Split a comma-separated list."""
     return tuple(word.strip() for word in text.split(",") if word.strip())

@@ -7,16 +7,16 @@ from nas_data.commands._benchmark import Benchmark
 
 @dataclass(frozen=True, kw_only=True)
 class BenchmarkLoading(Benchmark):
-    """Read a whole dataset with our reader and a part of it with LeRobot's, in turns.
+    """Read a whole dataset with our reader and a part of it with LeRobot's, alternating.
 
     Example: nas benchmark loading --episodes 100 --frames 300
     """
 
     episodes: int = 100
-    """Episodes of the dataset that is read."""
+    """Episodes of the dataset."""
     frames: int = 300
     """Frames of each episode."""
     batches: int = 20
-    """Batches of 256 frames that the DataLoader reads in a round; its time per frame stands for the rest."""
+    """Batches of 256 frames that the DataLoader reads in a round; its time per frame is extrapolated."""
     rounds: int = 5
-    """How often each side is timed; the median counts."""
+    """Number of timed rounds; the result is their median."""

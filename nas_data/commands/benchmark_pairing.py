@@ -7,14 +7,14 @@ from nas_data.commands._benchmark import Benchmark
 
 @dataclass(frozen=True, kw_only=True)
 class BenchmarkPairing(Benchmark):
-    """Pair a recorded dataset and run the bare rollouts, in turns; 1 means that nothing else costs time.
+    """Pair a recorded dataset and run the bare rollouts, alternating; a ratio of 1 means no overhead.
 
     Example: nas benchmark pairing --episodes 300 --frames 300
     """
 
     episodes: int = 300
-    """Episodes of the dataset that is paired."""
+    """Episodes of the dataset."""
     frames: int = 300
     """Frames of each episode."""
     rounds: int = 9
-    """How often each side is timed; the median counts."""
+    """Number of timed rounds; the result is their median."""

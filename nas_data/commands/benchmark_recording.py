@@ -7,7 +7,7 @@ from nas_data.commands._benchmark import Benchmark
 
 @dataclass(frozen=True, kw_only=True)
 class BenchmarkRecording(Benchmark):
-    """Record the same paired episodes both ways, in turns: our two commands, and add_frame with save_episode.
+    """Record the same paired episodes with our two commands and with add_frame and save_episode, alternating.
 
     Example: nas benchmark recording --episodes 20 --frames 300
     """
@@ -17,4 +17,4 @@ class BenchmarkRecording(Benchmark):
     frames: int = 300
     """Frames of each episode."""
     rounds: int = 3
-    """How often each side is timed; the median counts."""
+    """Number of timed rounds; the result is their median."""

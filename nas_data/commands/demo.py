@@ -1,4 +1,4 @@
-"""Everything once, small: record, pair, learn the gap, learn policies, show it on one page."""
+"""A small run of everything: record, pair, learn the gap, train policies, write one page."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,23 +9,22 @@ from nas_data.runs.progress import say
 
 @dataclass(frozen=True, kw_only=True)
 class Demo(Command):
-    """Record a simulated robot, name and learn what its simulator lacks, learn policies with it, and write a page.
+    """Record a simulated robot, name and learn its simulator's gap, train policies, and write a page.
 
-    Takes about twelve minutes on two cores. Started again, it goes on where it was
-    interrupted.
+    Takes about twelve minutes on two cores. The same command resumes an interrupted run.
 
     Example: nas demo --out demo
     """
 
     out: Path = Path("demo")
-    """Folder for everything that the demo makes; the page is report.html in it."""
+    """Folder for all output; the page is report.html in it."""
     quick: bool = False
-    """Go through the stages within a minute, at sizes at which nothing is learned yet."""
+    """Run all stages within a minute, at sizes too small to learn anything."""
     names: bool = True
-    """Let `nas gap` name what the source lacks, and learn a policy on the names; left out where --quick is given."""
+    """Run `nas gap`, and train a policy with the named effects; skipped with --quick."""
 
     def run(self) -> CommandResult:
-        """Run every stage that is not done yet."""
+        """Run every stage that is not finished yet."""
         from nas_data.studies.demo.plan import FULL, QUICK, run_demo
 
         plan = QUICK if self.quick else FULL

@@ -1,4 +1,4 @@
-"""Say what differs between two datasets: features, episodes, values, provenance."""
+"""Compare two datasets: features, episodes, values, provenance."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,25 +15,25 @@ if TYPE_CHECKING:
     from nas_data.dataset.diff import Difference
 
 SHOWN = 5  # episodes listed in full
-LONGEST = 60  # characters of a value
+LONGEST = 60  # most characters of a value
 
 
 @dataclass(frozen=True, kw_only=True)
 class Diff(Command):
-    """Say what differs between two datasets; episodes are matched by their content, wherever they stand.
+    """Show the differences between two datasets; episodes are matched by content, whatever their order.
 
-    Returns 0 where the content is equal (provenance may differ), 1 where it is not.
+    Exit code: 0 if the content is equal (provenance may differ), 1 if not.
 
     Example: nas diff datasets/arm/v1-1a2b3c4d datasets/arm
     """
 
     a: tyro.conf.Positional[Path]
-    """One dataset: a folder, or datasets/NAME for its newest version."""
+    """First dataset: a folder, or datasets/NAME for its newest version."""
     b: tyro.conf.Positional[Path]
-    """The other."""
+    """Second dataset."""
 
     def run(self) -> CommandResult:
-        """Read both and compare them."""
+        """Read both datasets and compare them."""
         from nas_data.dataset.derive_provenance import Original
         from nas_data.dataset.diff import compare_datasets
 
@@ -49,7 +49,7 @@ class Diff(Command):
 
 
 def describe_content(found: "Difference") -> Iterator[str]:
-    """Say what differs in what the datasets hold."""
+    """Yield the differences in content, one sentence each."""
     for what, pair in (("feature", found.only), ("joint", found.joints)):
         for side, names in zip("AB", pair, strict=True):
             yield from (f"  {what} only in {side}: {name}" for name in names)
@@ -84,6 +84,6 @@ def list_first(items: tuple[int, ...] | list[str]) -> str:
 
 
 def shorten(value: object) -> str:
-    """Return a value in a few words; --json has all of it."""
+    """Shorten a value for the text output; --json has all of it."""
     text = "none" if value is None else " ".join(str(value).split())
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"

@@ -1,4 +1,4 @@
-"""Show the catalogue of physical effects: what each means, its parameters, how it shows, what it is confused with."""
+"""Show the catalogue of physical effects: meaning, parameters, signature, and what each is confused with."""
 
 import inspect
 from collections.abc import Iterator
@@ -12,12 +12,12 @@ from nas_data.commands.base import Command, CommandResult
 if TYPE_CHECKING:
     from nas_data.effects.base import Effect, Parameter
 
-WIDTH = 17  # of the longest name of a parameter
+WIDTH = 17  # of the longest parameter name
 
 
 @dataclass(frozen=True, kw_only=True)
 class Effects(Command):
-    """Show the effects that `nas gap` names and adds, and that `nas record sim` hides in a target.
+    """Show the effects that `nas gap` names and adds, and that `nas record sim` can add to a target.
 
     Example: nas effects
 
@@ -25,10 +25,10 @@ class Effects(Command):
     """
 
     names: tyro.conf.Positional[tuple[str, ...]] = ()
-    """Effects to show in full; all in short where left out."""
+    """Effects to show in full; by default all, in short."""
 
     def run(self) -> CommandResult:
-        """Collect and print them."""
+        """Collect and print the effects."""
         from nas_data import registry
         from nas_data.effects.base import find_effect
 
@@ -42,15 +42,15 @@ class Effects(Command):
 
 
 def summarise_effect(kind: "type[Effect]", width: int) -> str:
-    """Return a line: name, padded to a width, where it may sit, parameters."""
-    told = ", ".join(f"{p.name} [{p.unit}]" if p.unit else p.name for p in kind.parameters)
-    return f"{kind.name():<{width}} {' or '.join(list_places(kind)):<12} {told}"
+    """Return one line: name, padded to a width, possible joints, parameters."""
+    parameters = ", ".join(f"{p.name} [{p.unit}]" if p.unit else p.name for p in kind.parameters)
+    return f"{kind.name():<{width}} {' or '.join(list_places(kind)):<12} {parameters}"
 
 
 def describe_effect(kind: "type[Effect]") -> Iterator[str]:
-    """Yield what is known of an effect, line by line."""
+    """Yield the full description of an effect, line by line."""
     beyond = "in a form of its own; where that does not fit the joint, the nearest effect that fits"
-    told = {
+    entries = {
         "equation": kind.equation,
         **{parameter.name: describe_bounds(parameter) for parameter in kind.parameters},
         "shows as": kind.signature,
@@ -59,26 +59,26 @@ def describe_effect(kind: "type[Effect]") -> Iterator[str]:
         "source": kind.source,
     }
     yield f"{kind.name()} ({' or '.join(list_places(kind))}): {read_meaning(kind)}"
-    yield from (f"  {name:<{WIDTH}} {what}" for name, what in told.items())
+    yield from (f"  {name:<{WIDTH}} {what}" for name, what in entries.items())
 
 
 def describe_bounds(parameter: "Parameter") -> str:
-    """Return a parameter's bounds, its unit and where it does nothing."""
+    """Return a parameter's bounds, unit and neutral value."""
     return f"{parameter.low:g} … {parameter.high:g} {parameter.unit}".rstrip() + f", neutral at {parameter.neutral:g}"
 
 
 def list_places(kind: "type[Effect]") -> list[str]:
-    """Return where an effect may sit."""
+    """Return where an effect can act: in a joint, the whole arm, or both."""
     return ["joint"] * kind.per_joint + ["arm"] * kind.whole_arm
 
 
 def read_meaning(kind: "type[Effect]") -> str:
-    """Return the first sentence about an effect."""
+    """Return the summary line of an effect."""
     return (inspect.getdoc(kind) or "").split("\n\n")[0].replace("\n", " ")
 
 
 def make_json(kind: "type[Effect]") -> dict[str, object]:
-    """Return an effect for machines."""
+    """Return an effect for JSON."""
     limits = ("name", "unit", "low", "high", "neutral")
     return {
         "effect": kind.name(),

@@ -1,4 +1,4 @@
-"""Compare φ or ψ with hold, source and command on any dataset."""
+"""Compare φ or ψ with the baselines hold, source and command on any dataset."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,25 +13,25 @@ from nas_data.runs.progress import Counting
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluate(TakesModel):
-    """Print one-step and open-loop errors of a checkpoint or a model file on a dataset, beside the trivial baselines.
+    """Print one-step and open-loop errors of a checkpoint or model file on a dataset, with the trivial baselines.
 
     Example: nas evaluate runs/phi/checkpoint datasets/arm_test --model arm.xml
 
-    A model file beside the model that it came from.
+    To compare a corrected model file with the model that it came from:
 
     Example: nas evaluate runs/gap/model.xml datasets/arm_test --model arm.xml
     """
 
     checkpoint: tyro.conf.Positional[Path]
-    """Folder written by `nas train` (its `checkpoint`, or the training's folder), or a model: an MJCF or URDF file, or
-    a robot's name."""
+    """Folder written by `nas train` (the run's folder, or its `checkpoint`), or a model: an MJCF or URDF file, or a
+    robot's name."""
     dataset: tyro.conf.Positional[Path]
-    """Dataset to evaluate on; need not be paired."""
+    """Dataset to evaluate on; it need not be paired."""
     model: str | None = None
-    """Source: the model that φ corrects, or that a model file is compared with; the one kept with the checkpoint or
-    dataset otherwise."""
+    """Source: the model that φ corrects, or that a model file is compared with. Default: the one stored with the
+    checkpoint or dataset."""
     engine: str | None = None
-    """Engine of the source: mujoco or bullet; the one it was paired in where it is kept, else mujoco."""
+    """Physics engine of the source: mujoco or bullet. Default: that of the pairing if it is stored, else mujoco."""
     episodes: tuple[int, ...] = ()
     """Use only these episodes; all by default."""
 

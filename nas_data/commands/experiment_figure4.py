@@ -1,4 +1,4 @@
-"""The paper's figure 4: one command sequence on the target, and what φ, ψ, source and hold make of it."""
+"""The paper's figure 4: one command sequence on the target, with the predictions of φ, ψ, source and hold."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -8,7 +8,7 @@ from nas_data.commands._experiment import ExperimentCommand
 
 @dataclass(frozen=True, kw_only=True)
 class ExperimentFigure4(ExperimentCommand):
-    """Record, pair, learn φ and ψ, and predict a held-out sequence in open loop: pictures, errors over the rollout.
+    """Record, pair, train φ and ψ, and predict a held-out sequence in open loop: figures and errors over time.
 
     Example: nas experiment figure4
 

@@ -8,9 +8,9 @@ from nas_data.commands._experiment import MethodsExperimentCommand
 
 @dataclass(frozen=True, kw_only=True)
 class ExperimentFigure5(MethodsExperimentCommand):
-    """Record, learn, name, train policies of every method and judge them on the target; goes on where it stopped.
+    """Record, train φ and ψ, name effects, train policies of every method and evaluate them on the target; resumable.
 
-    Methods: expert (learned on the target), source, forward (ψ), nas (source + φ), named (source + the effects that
+    Methods: expert (trained on the target), source, forward (ψ), nas (source + φ), named (source + the effects that
     `nas gap` names), named_nas, randomised (domain randomisation).
 
     Example: nas experiment figure5 --env Pusher --workers 2

@@ -1,4 +1,4 @@
-"""The paper's figure 6: what policies are worth by how many recorded trajectories were learned from."""
+"""The paper's figure 6: policy return against number of recorded trajectories."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ExperimentFigure6(PolicyExperimentCommand):
-    """Train φ on nested subsets of a recording, and a policy in each augmented environment; how much data is enough.
+    """Train φ on nested subsets of a recording, and a policy in each augmented environment; find the sufficient size.
 
     Example: nas experiment figure6 --workers 2
 
@@ -21,18 +21,18 @@ class ExperimentFigure6(PolicyExperimentCommand):
     experiment: ClassVar[str] = "figure6"
 
     counts: tuple[int, ...] = ()
-    """Numbers of trajectories that are learned from; 10 to 2000 where left out. They are parts of one recording of
-    2000, with --quick 40, so that others can be added later and nothing is done twice; a larger number needs a larger
-    recording, and everything anew."""
+    """Numbers of trajectories; 10 to 2000 by default. They are subsets of one recording of 2000 (with --quick 40), so
+    that others can be added later without repeating work. A larger number needs a larger recording and repeats
+    everything."""
     methods: tuple[str, ...] = ()
-    """What is made of them: nas (source + φ), forward (ψ), named (the source with the effects that `nas gap` names
-    from them), named_nas (and φ on those), nas_few (source + φ, trained by the preset `few`), nas_symmetric
-    (source + φ, by the preset `symmetric`); nas where left out."""
+    """Methods: nas (source + φ; default), forward (ψ), named (the source with the effects that `nas gap` names),
+    named_nas (and φ on top), nas_few (source + φ, trained by the preset `few`), nas_symmetric (source + φ, by the
+    preset `symmetric`)."""
 
     def chosen_methods(self) -> tuple[str, ...]:
-        """Return what is made of the trajectories."""
+        """Return the methods to compare."""
         return self.methods
 
     def sizes(self) -> "Sizes":
-        """Return how large everything is, with what was given."""
+        """Return the sizes of the experiment with the given options."""
         return super().sizes().with_counts(self.counts)

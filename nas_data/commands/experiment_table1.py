@@ -8,7 +8,7 @@ from nas_data.commands._experiment import ExperimentCommand
 
 @dataclass(frozen=True, kw_only=True)
 class ExperimentTable1(ExperimentCommand):
-    """Record, pair, learn φ and ψ, and compare their open-loop trajectories with held-out ones.
+    """Record, pair, train φ and ψ, and compare their open-loop trajectories with held-out ones.
 
     Example: nas experiment table1
 

@@ -18,16 +18,16 @@ class Gap(TakesModel):
     """
 
     dataset: tyro.conf.Positional[Path]
-    """Recorded episodes; need not be paired."""
+    """Recorded episodes; they need not be paired."""
     model: str
-    """The model as it is: an MJCF or URDF file, or a robot's name."""
+    """Model to correct: an MJCF or URDF file, or a robot's name."""
     out: Path
     """Folder of the report; an earlier report in it is replaced."""
     learn: int = 0
-    """Updates in which φ learns what the names leave, minutes of work; its share goes into the report."""
+    """Number of updates to train φ on the remaining gap (minutes); its share goes into the report."""
 
     def run(self) -> CommandResult:
-        """Work through all stages."""
+        """Run all stages."""
         from nas_data.api.gap import identify
         from nas_data.gap.summary import summarise
 

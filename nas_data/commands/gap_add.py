@@ -17,25 +17,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class GapAdd(TakesModel):
-    """Write the model with the effects of an effects.json, and re-score it from the written file.
+    """Write the model with the effects of an effects.json, and score the written file.
 
     Example: nas gap add datasets/arm --model arm.xml --effects runs/gap/effects.json --out runs/gap
     """
 
     dataset: tyro.conf.Positional[Path]
-    """Recorded episodes by which the written model is judged."""
+    """Recorded episodes to score the written model on."""
     model: str
-    """The model as it is: an MJCF or URDF file, or a robot's name."""
+    """Model to correct: an MJCF or URDF file, or a robot's name."""
     effects: Path
-    """A gap report's folder, its effects.json (as `nas gap name` writes it) or its report.json, which is rounded."""
+    """A gap report's folder, its effects.json (as written by `nas gap name`) or its report.json, which is rounded."""
     out: Path
     """Folder for model.xml."""
     export: Literal["bam", "csv"] | None = None
-    """Also write what was identified as parameters: bam/JOINT.json as Rhoban's BAM reads them, or parameters.csv with
-    gain, servo damping, armature, friction, delay, limits and mass of every joint, and ranges to randomise them in."""
+    """Also write the identified parameters: bam/JOINT.json for Rhoban's BAM, or parameters.csv with gain, servo
+    damping, armature, friction, delay, limits and mass of every joint, and ranges for domain randomisation."""
 
     def run(self) -> CommandResult:
-        """Write and score."""
+        """Write the model and score it."""
         from nas_data.gap.compose import measure_gap
         from nas_data.gap.model_correction import ModelCorrection
         from nas_data.gap.output_folder import check_model
@@ -52,13 +52,13 @@ class GapAdd(TakesModel):
             self.out.mkdir(parents=True, exist_ok=True)
             outcome = score_model(problem, final, FinalFit((), {}, ()), FinalFit((), {}, ()), self.out)
             found = measure_gap(problem.held, outcome)
-        told = " and ".join(
+        shown = " and ".join(
             f"{unit.text(errors.before, 3)} before, {unit.text(errors.after, 3)} after"
             for errors in (found, found.slides)
             if errors is not None and (unit := find_display_unit(errors.unit))
         )
         text = (
-            f"Open-loop position error on {len(problem.held.evidence)} held-out episodes: {told}, "
+            f"Open-loop position error on {len(problem.held.evidence)} held-out episodes: {shown}, "
             f"from the written file.\n{outcome.model}"
         )
         data: dict[str, object] = {"model": outcome.model, "before": found.before, "after": found.after}
@@ -68,7 +68,7 @@ class GapAdd(TakesModel):
         return CommandResult(text, data)
 
     def _export(self, nominal: "Nominal", named: "ModelCorrection") -> Path:
-        """Write the parameters, and say on stderr what the format does not hold."""
+        """Write the parameters, and warn of what the format cannot hold."""
         from nas_data.gap.exporting.bam import write_bam
         from nas_data.gap.exporting.csv_table import write_table
         from nas_data.gap.exporting.identified import list_quantities, read_intervals

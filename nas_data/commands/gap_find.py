@@ -12,20 +12,20 @@ from nas_data.commands.base import CommandResult
 
 @dataclass(frozen=True, kw_only=True)
 class GapFind(TakesModel):
-    """Print the gap per joint and regime beside the noise floor, and what is odd in the recording.
+    """Print the gap per joint and regime, the noise floor, and anomalies of the recording.
 
     Example: nas gap find datasets/arm --model arm.xml
     """
 
     dataset: tyro.conf.Positional[Path]
-    """Recorded episodes; need not be paired."""
+    """Recorded episodes; they need not be paired."""
     model: str
     """The model: an MJCF or URDF file, or a robot's name."""
     out: Path | None = None
-    """Folder for find.json; nothing is written where not given."""
+    """Folder for find.json; nothing is written by default."""
 
     def run(self) -> CommandResult:
-        """Find and print."""
+        """Compare recording and model, and print the findings."""
         from nas_data.gap.finding.find import find
         from nas_data.gap.problem import Problem
         from nas_data.runs.progress import report_heartbeat

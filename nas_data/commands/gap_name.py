@@ -1,4 +1,4 @@
-"""Only name the missing effects: fit, compare and judge them, and write effects.json."""
+"""Only name the missing effects: fit and compare candidates, and write effects.json."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,12 +20,12 @@ class GapName(TakesModel):
     dataset: tyro.conf.Positional[Path]
     """Recorded episodes."""
     model: str
-    """The model as it is: an MJCF or URDF file, or a robot's name."""
+    """Model to correct: an MJCF or URDF file, or a robot's name."""
     out: Path
     """Folder for effects.json."""
 
     def run(self) -> CommandResult:
-        """Search and write."""
+        """Run the search and write its result."""
         from nas_data.gap.compose import describe_finding
         from nas_data.gap.name import name
         from nas_data.gap.problem import Problem

@@ -1,4 +1,4 @@
-"""Only show: draw pictures and page of a gap report anew from report.json and series.npz."""
+"""Only show: redraw figures and page of a gap report from report.json and series.npz."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +10,7 @@ from nas_data.commands.base import Command, CommandResult
 
 @dataclass(frozen=True, kw_only=True)
 class GapShow(Command):
-    """Draw the figures and write report.html from what `nas gap` wrote.
+    """Draw the figures and write report.html from the files of `nas gap`.
 
     Example: nas gap show runs/gap
     """
@@ -19,7 +19,7 @@ class GapShow(Command):
     """Folder of a gap report."""
 
     def run(self) -> CommandResult:
-        """Draw and write."""
+        """Draw the figures and write the page."""
         from nas_data.errors import OptionError
         from nas_data.gap.showing.page import show
 

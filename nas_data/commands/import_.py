@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from nas_data.dataset.audits.base import AuditFinding
     from nas_data.recorders.logs import Import
 
-SHOWN = 3  # findings of one kind that are printed in full
+SHOWN = 3  # most printed findings of one kind
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,38 +26,38 @@ class ImportLogs(Command):
 
     Example: nas import my_recording --map so101_lerobot --calibration my_arm.json
 
-    The map says where in a log each quantity stands and what its numbers mean; so101_npz, so101_csv and xl330_json
-    come with the program, so101_lerobot, so100_lerobot and koch_lerobot for what lerobot-record writes (degrees, or
-    −100 … 100 with the calibration), and example_csv and example_lerobot explain every key, to be copied for your own
-    robot. Recordings are audited first: errors refuse, warnings are kept. A LeRobot dataset in radians needs no map:
-    velocities and next states that it lacks are derived. Cameras and task texts are kept.
+    The map defines column, unit and sign of each quantity in a log. Included maps: so101_npz, so101_csv, xl330_json;
+    so101_lerobot, so100_lerobot and koch_lerobot for lerobot-record (degrees, or −100 … 100 with the calibration);
+    example_csv and example_lerobot, which explain every key, as templates. Recordings are audited first: errors abort
+    the import, warnings are stored. A LeRobot dataset in radians needs no map; missing velocities and next states are
+    derived. Cameras and task texts are kept.
     """
 
     logs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG…")]
     """Logs, folders of logs, or LeRobot datasets."""
     map: str | None = None
-    """Mapping file (TOML), or the name of a shipped one such as so101_npz or so101_lerobot. None for a LeRobot dataset
-    in radians."""
+    """Mapping file (TOML), or the name of an included one such as so101_npz or so101_lerobot. None for a LeRobot
+    dataset in radians."""
     unit: str | None = None
-    """Unit of a LeRobot dataset: deg, range (−100 … 100, with --calibration) or rad. Told by the readings where a map
-    is given and this is not; without a map, every joint is in this unit."""
+    """Unit of a LeRobot dataset: deg, range (−100 … 100, with --calibration) or rad. With a map it is inferred from the
+    readings by default; without a map, every joint has this unit."""
     calibration: Path | None = None
-    """LeRobot's calibration file of the robot that recorded, a JSON file; −100 … 100 mean nothing without it."""
+    """LeRobot's calibration file (JSON) of the recorded robot; required to convert −100 … 100."""
     model: str | None = None
-    """A model of the robot, to check sign and zero of each joint against its limits and its gravity, and for the range
-    of a gripper where there is no map."""
+    """Model of the robot, to check sign and zero of each joint against limits and gravity. Without a map, it also gives
+    the range of a gripper."""
     rate: float | None = None
-    """Rows a second [Hz] of a LeRobot dataset, in place of its own fps."""
+    """Rows per second [Hz] of a LeRobot dataset; its own fps by default."""
     uniform: bool = False
-    """Take the rows of a LeRobot dataset as evenly spaced, whatever its time stamps say."""
+    """Treat the rows of a LeRobot dataset as evenly spaced, whatever their timestamps."""
     unwrap: bool = False
-    """Let joints go on where their encoders begin anew after a whole turn, such as from 180° to −180°."""
+    """Unwrap joints whose encoders jump after a whole turn, such as from 180° to −180°."""
     cut: float | None = None
-    """Cut episodes into stretches of so many seconds, such as 3."""
+    """Cut episodes into segments of this length [s], such as 3."""
     name: str | None = None
-    """Dataset's name; the result is the next version below datasets/NAME. The map's robot where left out."""
+    """Name of the dataset; the result is the next version below datasets/NAME. Default: the map's robot."""
     out: Path | None = None
-    """Exactly this folder instead; must not exist."""
+    """Write to exactly this folder, which must not exist."""
 
     def run(self) -> CommandResult:
         """Read, audit, convert and write."""
@@ -87,7 +87,7 @@ class ImportLogs(Command):
 
 
 def _format_result(result: "Import", root: Path) -> str:
-    """Return the result and the findings of the audits as text."""
+    """Format the result and the findings of the audits."""
     dataset = result.dataset
     minutes = dataset.n_frames / dataset.fps / 60
     lines = [
@@ -101,7 +101,7 @@ def _format_result(result: "Import", root: Path) -> str:
 
 
 def _format_findings(findings: "Iterable[AuditFinding]") -> list[str]:
-    """Return the first few findings of each kind as lines."""
+    """Format the first few findings of each kind."""
     kinds: dict[str, list[AuditFinding]] = {}
     for finding in findings:
         kinds.setdefault(finding.check, []).append(finding)

@@ -1,4 +1,4 @@
-"""Show what a dataset holds: joints, ranges, rate, episodes, pairing, provenance."""
+"""Show the contents of a dataset: joints, ranges, rate, episodes, pairing, provenance."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Info(Command):
-    """Show what a dataset holds and what would have to be derived to use it.
+    """Show the contents of a dataset, and what must be derived before use.
 
     Example: nas info datasets/ergojr_sample
     """
 
     dataset: tyro.conf.Positional[Path]
-    """The dataset's folder, or datasets/NAME for its newest version; any LeRobot v3 dataset will do."""
+    """Folder of the dataset, or datasets/NAME for its newest version; any LeRobot v3 dataset works."""
 
     def run(self) -> CommandResult:
         """Read the dataset and describe it."""
@@ -36,7 +36,7 @@ class Info(Command):
 
 
 def describe_recording(summary: "DatasetSummary") -> Iterator[str]:
-    """Say what was recorded."""
+    """Describe the recorded episodes."""
     frames = sum(summary.lengths)
     tasks = [f"{task or 'unnamed'} ({count})" for task, count in summary.tasks.items()]
     yield f"{summary.name}  ({summary.dataset})"
@@ -52,7 +52,7 @@ def describe_recording(summary: "DatasetSummary") -> Iterator[str]:
 
 
 def describe_features(summary: "DatasetSummary") -> Iterator[str]:
-    """Name the features and the range of each component of state and command."""
+    """Describe the features and the range of each component of state and command."""
     yield "features"
     for key, feature in summary.features.items():
         units = ", ".join(dict.fromkeys(feature.units)) or "no unit stored"
@@ -66,7 +66,7 @@ def describe_features(summary: "DatasetSummary") -> Iterator[str]:
 
 
 def describe_provenance(summary: "DatasetSummary") -> Iterator[str]:
-    """Say what has to be derived and where the dataset comes from."""
+    """Describe what must be derived and where the dataset comes from."""
     if summary.unusable:
         yield f"not usable as it is: {summary.unusable}"
     for warning in summary.warnings:
@@ -81,7 +81,7 @@ def describe_provenance(summary: "DatasetSummary") -> Iterator[str]:
 
 
 def describe_pairing(summary: "DatasetSummary") -> str:
-    """Say whether a source's predictions are present, and which source's."""
+    """Describe whether the dataset is paired, and with which source."""
     if not summary.paired:
         return "no (nas pair adds what a source model predicts)"
     words = [f"{key} {value}" for key, value in (summary.source or {}).items() if isinstance(value, str)]

@@ -1,4 +1,4 @@
-"""Join datasets of one robot into a new version."""
+"""Merge datasets of one robot into a new version."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,9 +14,9 @@ from nas_data.runs.progress import report_elapsed
 
 @dataclass(frozen=True, kw_only=True)
 class Merge(Command):
-    """Join datasets of the same joints, features and rate, their episodes in the order given.
+    """Merge datasets with the same joints, features and rate; episodes keep the given order.
 
-    One dataset alone becomes a version with a provenance of its own, for example after LeRobot's tools edited it.
+    A single dataset becomes a new version with its own provenance, for example after an edit by LeRobot's tools.
 
     Example: nas merge datasets/monday datasets/tuesday --name week
     """
@@ -24,12 +24,12 @@ class Merge(Command):
     datasets: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="DATASET…")]
     """Datasets: folders, or datasets/NAME for the newest version of a name."""
     name: str | None = None
-    """Name of the result: the next version below datasets/NAME; beside the first dataset where left out."""
+    """Name of the result: the next version below datasets/NAME; next to the first dataset by default."""
     out: Path | None = None
-    """Exactly this folder instead; must not exist."""
+    """Write to exactly this folder, which must not exist."""
 
     def run(self) -> CommandResult:
-        """Read, compare, join and write."""
+        """Read, compare, merge and write."""
         from nas_data.dataset.content import hash_content
         from nas_data.dataset.derive_provenance import Original
         from nas_data.dataset.merge import list_merge_warnings, merge

@@ -1,4 +1,4 @@
-"""Put a dataset into one file, to be shared."""
+"""Pack a dataset into one file to share it."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,9 +12,9 @@ from nas_data.runs.progress import report_elapsed
 
 @dataclass(frozen=True, kw_only=True)
 class Pack(Command):
-    """Put a dataset into one file (an uncompressed tar), always the same bytes for the same dataset.
+    """Pack a dataset into one uncompressed tar file; the same dataset gives identical bytes.
 
-    Whoever gets the file says: nas unpack FILE
+    The recipient runs: nas unpack FILE
 
     Example: nas pack datasets/ergojr_sample --out ergojr.nas.tar
     """
@@ -22,10 +22,10 @@ class Pack(Command):
     dataset: tyro.conf.Positional[Path]
     """Dataset: a folder, or datasets/NAME for its newest version."""
     out: Path | None = None
-    """The file; NAME-VERSION.nas.tar in the current folder where left out."""
+    """Output file; NAME-VERSION.nas.tar in the current folder by default."""
 
     def run(self) -> CommandResult:
-        """Check and pack."""
+        """Check the dataset and pack it."""
         from nas_data.dataset.pack import pack
 
         with report_elapsed(f"packing {self.dataset}"):

@@ -1,4 +1,4 @@
-"""Add what a source simulator predicts for every transition, as a new version."""
+"""Add the source simulator's prediction of every transition, as a new version."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +13,7 @@ from nas_data.count_of import count_of
 
 @dataclass(frozen=True, kw_only=True)
 class Pair(TakesModel):
-    """Reset a source to every measured state, hold the command for one control step, store what it predicts.
+    """Reset a source to every measured state, hold the command for one control step, store the prediction.
 
     Example: nas pair datasets/arm --model arm.xml
     """
@@ -21,15 +21,15 @@ class Pair(TakesModel):
     dataset: tyro.conf.Positional[Path]
     """Dataset: a version's folder, or datasets/NAME for its newest version."""
     model: str
-    """Source: an MJCF or URDF file whose joints carry the dataset's names, or a robot's name."""
+    """Source: an MJCF or URDF file with the dataset's joint names, or a robot's name."""
     engine: str = "mujoco"
-    """mujoco or bullet."""
+    """Physics engine: mujoco or bullet."""
     effect: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """Effect to add to the source, NAME:joint=JOINT,PARAMETER=NUMBER; may be given several times."""
     effects: Path | None = None
-    """A gap report's folder, or its effects.json: effects to add to the source, and its retuned base."""
+    """A gap report's folder, or its effects.json: effects and retuned parameters to add to the source."""
     out: Path | None = None
-    """Exact folder of the new version; beside the dataset where it lies in datasets/NAME/ otherwise."""
+    """Exact folder of the new version; by default next to the dataset in datasets/NAME/."""
 
     def run(self) -> CommandResult:
         """Pair the dataset and write the new version."""

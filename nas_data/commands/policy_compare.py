@@ -11,9 +11,9 @@ from nas_data.errors import OptionError
 
 @dataclass(frozen=True, kw_only=True)
 class PolicyCompare(Command):
-    """Train every method with every seed, judge all on the target, and say what share of the gap each closes.
+    """Train every method with every seed, evaluate all on the target, and report the share of the gap that each closes.
 
-    The share is (method − source) / (expert − source) of the mean return. Runs already done are not done again.
+    The share is (method − source) / (expert − source) of the mean return. Finished runs are not repeated.
 
     Example: nas policy compare --dynamics backlash --delta runs/phi --forward runs/psi --seed 0 1 2 3 4
 
@@ -23,30 +23,30 @@ class PolicyCompare(Command):
     env: str = "ErgoReacher"
     """Environment."""
     dynamics: str = "backlash"
-    """The target: one of the environment's dynamics."""
+    """Dynamics of the target: one of the environment's dynamics."""
     engine: Literal["mujoco", "bullet"] = "mujoco"
-    """Physics engine of the target; the sources run in MuJoCo, so that `bullet` adds a gap that nobody designed."""
+    """Physics engine of the target; the sources run in MuJoCo, so that `bullet` adds the difference of the engines."""
     delta: Path | None = None
-    """Checkpoint of φ, for the method nas; left out without."""
+    """Checkpoint of φ, for the method nas, which is skipped otherwise."""
     forward: Path | None = None
-    """Checkpoint of ψ, for the method forward; left out without."""
+    """Checkpoint of ψ, for the method forward, which is skipped otherwise."""
     effects: Path | None = None
-    """A gap report's folder, or its effects.json, for the method named; left out without."""
+    """A gap report's folder, or its effects.json, for the method named, which is skipped otherwise."""
     delta_named: Path | None = None
-    """Checkpoint of the φ that corrects the source with these effects, for the method named_nas; left out without."""
+    """Checkpoint of the φ that corrects the source with these effects, for the method named_nas."""
     frames: int = 2_000_000
     """Control steps of each training; 2 million as in the paper."""
     seed: tuple[int, ...] = (0, 1, 2, 3, 4)
     """Seeds of every method."""
     episodes: int = 100
-    """Episodes that each policy is judged on."""
+    """Evaluation episodes of each policy."""
     workers: int = 1
-    """Trainings side by side, each in a process of one thread."""
+    """Parallel trainings, each in a process of one thread."""
     out: Path = Path("runs/compare")
     """Folder of the runs and of comparison.json."""
 
     def run(self) -> CommandResult:
-        """Train, judge and compare."""
+        """Train, evaluate and compare."""
         import json
 
         from nas_data.envs.loop.dynamics_spec import DynamicsSpec

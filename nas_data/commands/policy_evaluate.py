@@ -13,12 +13,12 @@ from nas_data.errors import OptionError
 
 @dataclass(frozen=True, kw_only=True)
 class PolicyEvaluate(Command):
-    """Judge policies on the same episodes, beside what anyone can do without learning.
+    """Evaluate policies on the same episodes, with the baselines that need no learning.
 
-    On an arm (--on ergojr) each episode begins with a slow way to its first pose: keep hands away. Ctrl-C stops it,
-    holds it until it is slow and switches its torque off; it then sinks. Commands stay within limits and step size,
-    and those that would lead into a touch with the arm itself, the floor or the other arm are not sent. A servo that
-    goes unheard is asked again; what lasts ends the rollout with the arm safe.
+    On an arm (--on ergojr) each episode begins with a slow motion to its first pose: keep hands away. Ctrl-C stops the
+    arm, holds it until it is slow and switches its torque off; it then sinks. Commands stay within limits and step
+    size. Commands that would lead to contact with the arm itself, the floor or the other arm are not sent. Reads are
+    repeated if a servo does not answer; if that persists, the rollout ends with a safe stop.
 
     Example: nas policy evaluate runs/policy/ErgoReacher-source runs/policy/ErgoReacher-augmented
 
@@ -26,44 +26,44 @@ class PolicyEvaluate(Command):
     """
 
     policies: tyro.conf.Positional[tuple[Path, ...]]
-    """Folders that `nas policy train` wrote: of one policy, or of one a seed."""
+    """Folders written by `nas policy train`: of one policy, or of one per seed."""
     on: Literal["target", "source", "named", "ergojr"] = "target"
-    """What the policies are judged on: the target, the plain model, the model with named effects, or the arm itself."""
+    """Where to evaluate: the target, the plain model, the model with named effects, or the arm itself."""
     dynamics: str = "backlash"
-    """What the target is: one of the environment's dynamics."""
+    """Dynamics of the target: one of the environment's dynamics."""
     engine: Literal["mujoco", "bullet"] = "mujoco"
-    """Physics engine of what the policies are judged on."""
+    """Physics engine of the evaluation."""
     effects: Path | None = None
     """A gap report's folder, or its effects.json, for `named`."""
     episodes: int = 100
     """Episodes of each policy; starts and goals are the same for all."""
     missed: float = 0.0
-    """Share of ErgoShield's touches that are not noticed; 0.10 to 0.15 on the authors' robots."""
+    """Share of ErgoShield's touches that are not detected; 0.10 to 0.15 on the authors' robots."""
     port: str | None = None
     """Serial port of the arm's adapter, for `ergojr`; 'virtual' for a simulated arm."""
     defender_port: str | None = None
-    """The same of the second arm, which ErgoShield needs."""
+    """Serial port of the second arm, which ErgoShield needs."""
     hits: str | None = None
-    """Input device that says an 's' while sword and shield touch (a MakeyMakey), or 'simulated': told by where the
-    model has them in the measured poses, which is what virtual arms take."""
+    """Input device that types an 's' while sword and shield touch (a MakeyMakey), or 'simulated': computed from the
+    measured poses, as used by virtual arms."""
     apart: Literal["bodies", "all"] = "bodies"
-    """What of two arms is kept from touching: their bodies, or also the sword from the other body and the shield from
-    this one, which in simulation pass through."""
+    """Contacts to avoid between two arms: of their bodies, or also of the sword with the other body and the shield with
+    this one, which do not collide in simulation."""
     record: str | None = None
-    """Keep what was read and sent, with its rewards, as the next version of datasets/RECORD; stopped at any moment, the
-    same command goes on after the last episode that is saved."""
+    """Record readings, commands and rewards as the next version of datasets/RECORD; after an interruption, the same
+    command resumes after the last saved episode."""
     finish: bool = False
-    """Roll out nothing more: make the dataset of what is saved."""
+    """Roll out no more episodes: write the dataset of the saved ones."""
     speed: float = 1.745
-    """Speed limit in the servos [rad/s], 100°/s as in the paper; take what the policy learned with. 0 for none."""
+    """Speed limit in the servos [rad/s], 100°/s as in the paper; use that of the policy's training. 0 for none."""
     largest_step: float = 3.2
-    """By how much a command may differ from the one before it [rad]."""
+    """Largest difference between successive commands [rad]."""
     id: str = "ergojr"
-    """Name of the arm, which names its calibration."""
+    """Name of the arm, which selects its calibration."""
     defender_id: str = "ergojr_defender"
-    """Name of the second arm, which names its calibration."""
+    """Name of the second arm, which selects its calibration."""
     lockstep: bool = False
-    """Let virtual arms move as fast as the machine can, instead of in real time."""
+    """Simulate virtual arms as fast as the machine can, instead of in real time."""
 
     def run(self) -> CommandResult:
         """Score every policy."""
@@ -81,7 +81,7 @@ class PolicyEvaluate(Command):
         return self._on_arm(self.port) if self.port else self._evaluate_in_simulation()
 
     def _check_unused(self) -> None:
-        """Refuse options that would do nothing, so that nobody waits for what they ask."""
+        """Refuse options that would have no effect."""
         arms = {
             "--defender-port": self.defender_port,
             "--hits": self.hits,

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class PolicyTrain(Command):
-    """Train one policy a seed with PPO; the same command goes on where it was interrupted.
+    """Train one policy per seed with PPO; the same command resumes an interrupted training.
 
     Example: nas policy train --env ErgoReacher --on augmented --checkpoint runs/delta --frames 400000 --seed 0 1 2
 
@@ -23,24 +23,24 @@ class PolicyTrain(Command):
     env: str = "ErgoReacher"
     """Environment."""
     on: Literal["source", "named", "target", "augmented", "forward"] = "source"
-    """Where to learn: the plain model, the model with named effects, the target itself (the expert), the model
-    corrected by φ (with named effects where --effects is given), or ψ alone."""
+    """Training environment: the plain model, the model with named effects, the target itself (the expert), the model
+    corrected by φ (and by named effects with --effects), or ψ alone."""
     checkpoint: Path | None = None
     """Folder of the learned model φ or ψ, for `augmented` and `forward`."""
     effects: Path | None = None
-    """A gap report's folder, or its effects.json, for `named` and, under a φ trained on what is left, `augmented`."""
+    """A gap report's folder, or its effects.json, for `named`, or for `augmented` if φ was trained on top of it."""
     dynamics: str = "backlash"
-    """What the target is, for `target`: one of the environment's dynamics."""
+    """Dynamics of the target, for `target`: one of the environment's dynamics."""
     engine: Literal["mujoco", "bullet"] = "mujoco"
-    """Physics engine, for all but ψ; a policy of one engine may be judged on the other."""
+    """Physics engine, for all but ψ; a policy of one engine may be evaluated in the other."""
     frames: int = 2_000_000
-    """Control steps to learn from, rounded up to whole rollouts of 8192; 2 million as in the paper."""
+    """Control steps of the training, rounded up to whole rollouts of 8192; 2 million as in the paper."""
     seed: tuple[int, ...] = (0,)
-    """Seeds; each is one policy, and the same seed gives the same bits."""
+    """Seeds, one policy each; the same seed gives identical bits."""
     out: Path | None = None
-    """Folder of the policies, one a seed inside it; runs/policy/ENV-ON where not given."""
+    """Folder of the policies, one subfolder per seed; runs/policy/ENV-ON by default."""
     workers: int = 1
-    """Seeds trained side by side, each in a process of one thread."""
+    """Seeds trained in parallel, each in a process of one thread."""
 
     def run(self) -> CommandResult:
         """Train every seed."""
@@ -78,7 +78,7 @@ class PolicyTrain(Command):
         )
 
     def _list_trainings(self) -> "list[PolicyTraining]":
-        """Check the options and return what to train."""
+        """Check the options and return the trainings."""
         learned = self.on in {"augmented", "forward"}
         if learned != (self.checkpoint is not None):
             needed = "needs --checkpoint FOLDER" if learned else "takes no --checkpoint"
@@ -102,7 +102,7 @@ class PolicyTrain(Command):
             effects=None if self.effects is None else str(self.effects),
             engine=self.engine,
         )
-        plant.check()  # says what is wrong before anything is written
+        plant.check()  # before anything is written
         if self.checkpoint is not None:
             from nas_data.models.augmented import require_kind
             from nas_data.models.checkpoint import find_checkpoint, load_for_inference

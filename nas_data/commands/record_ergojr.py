@@ -20,15 +20,15 @@ NAME = "ergojr"
 
 @dataclass(frozen=True, kw_only=True)
 class RecordErgojr(RecordArm):
-    """Record episodes from an ErgoJr; stopped at any moment, the same command goes on where it was.
+    """Record episodes from an ErgoJr; the same command resumes an interrupted recording.
 
-    The arm goes slowly to its first pose: keep hands away. Ctrl-C stops it, holds it until it is slow and switches its
-    torque off; it then sinks. What is saved stays saved.
+    The arm moves slowly to its first pose: keep hands away. Ctrl-C stops the arm, holds it until it is slow and
+    switches its torque off; it then sinks. Saved episodes are kept.
 
     Example: nas record ergojr --port virtual --episodes 3 --lockstep --name try
     """
 
-    FASTEST: ClassVar[float] = 200.0  # [Hz] beyond what six servos answer in time at 1 Mbit/s through a USB adapter
+    FASTEST: ClassVar[float] = 200.0  # [Hz] limit of six servos at 1 Mbit/s through a USB adapter
 
     port: str
     """Serial port of the adapter; 'virtual' for a simulated arm."""
@@ -37,46 +37,46 @@ class RecordErgojr(RecordArm):
     speed: float = 1.745
     """Speed limit in the servos [rad/s], 100°/s as in the paper's recordings; 0 for none."""
     torque: float = 1.0
-    """Torque limit in the servos, a share of the largest."""
+    """Torque limit in the servos, as a share of the largest."""
     p_gain: int = 32
-    """Proportional gain in the servos' units; 32 is what the simulated arm has."""
+    """Proportional gain in the servos' units; 32 corresponds to the simulated arm."""
     i_gain: int = 0
     """Integral gain; Poppy's software sets 4."""
     d_gain: int = 0
     """Derivative gain."""
     largest_step: float = 3.2
-    """By how much a command may differ from the one before it [rad]; the speed limit keeps big ones slow."""
+    """Largest difference between successive commands [rad]; the speed limit keeps large ones slow."""
     calibration: Path | None = None
-    """Calibration file; where LeRobot keeps that of --id where not given."""
+    """Calibration file; LeRobot's file of --id by default."""
     id: str = NAME
-    """Name of this very arm: LeRobot's robot id."""
+    """Name of this arm: LeRobot's robot id."""
 
     @property
     def kind(self) -> str:
-        """See `RecordArm`."""
+        """Name of the robot in datasets."""
         return NAME
 
     @property
     def virtual(self) -> bool:
-        """See `RecordArm`."""
+        """Whether the arm is simulated."""
         return self.port == VIRTUAL
 
     @property
     def step(self) -> float:
-        """See `RecordArm`."""
+        """Largest difference between successive commands [rad]."""
         if not self.largest_step > 0:
             raise OptionError(f"--largest-step is {self.largest_step}; it must be above zero.")
         return self.largest_step
 
     def arm_model(self) -> "Robot":
-        """See `RecordArm`."""
+        """Return the model for collision checks."""
         from nas_data.robots.base import find_robot
 
         return find_robot(NAME)
 
     @contextmanager
     def driver(self) -> "Iterator[Driver]":
-        """See `RecordArm`."""
+        """Yield the driver of the arm."""
         from nas_data.hardware.virtual_bus.process import port_of
         from nas_data.hardware.xl320.arm import Xl320
 
@@ -85,7 +85,7 @@ class RecordErgojr(RecordArm):
             yield Xl320(port=port, joints=self._joints(), configuration=configuration)
 
     def simulated(self) -> str:
-        """See `RecordArm`."""
+        """Return a phrase for the kind of virtual arm."""
         return "virtual XL-320 servos"
 
     def _configuration(self) -> "Configuration":

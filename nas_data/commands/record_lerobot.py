@@ -1,4 +1,4 @@
-"""Record episodes from any arm that LeRobot drives, or from a virtual one."""
+"""Record episodes from any arm that LeRobot supports, or from a virtual one."""
 
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from nas_data.recorders.lerobot_robot import RobotRequest
     from nas_data.robots.base import Robot
 
-OWN = ("type", "port", "id", "option")  # what stands behind --robot. and is read here
+OWN = ("type", "port", "id", "option")  # options after --robot. that are read here
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,37 +27,37 @@ class RobotOptions:
     port: str = ""
     """Serial port of the adapter."""
     id: str = ""
-    """Name of this very arm, which names its calibration file."""
+    """Name of this arm, which selects its calibration file."""
     option: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    """Any other option of LeRobot's class, KEY=VALUE; --robot.KEY=VALUE says the same."""
+    """Any other option of LeRobot's class, KEY=VALUE; equivalent to --robot.KEY=VALUE."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RecordLerobot(RecordArm):
-    """Record episodes from an arm that LeRobot drives; stopped at any moment, the same command goes on where it was.
+    """Record episodes from an arm that LeRobot supports; the same command resumes an interrupted recording.
 
-    The arm is calibrated by lerobot-calibrate before. It goes slowly to its first pose: keep hands away. Ctrl-C stops
-    it, holds it until it is slow and switches its torque off; it then sinks. What is saved stays saved.
+    Calibrate the arm with lerobot-calibrate first. It moves slowly to its first pose: keep hands away. Ctrl-C stops the
+    arm, holds it until it is slow and switches its torque off; it then sinks. Saved episodes are kept.
 
     Example: nas record lerobot --robot.type so101_follower --port virtual --episodes 3 --lockstep --name try
     """
 
-    FASTEST: ClassVar[float] = 200.0  # [Hz] beyond what six servos answer in time at 1 Mbit/s through a USB adapter
+    FASTEST: ClassVar[float] = 200.0  # [Hz] limit of six servos at 1 Mbit/s through a USB adapter
 
     robot: RobotOptions
-    """The robot, by the options that LeRobot's own commands take."""
+    """Robot, with the options of LeRobot's own commands."""
     port: str = ""
-    """Instead of --robot.port; 'virtual' for a simulated arm."""
+    """Serial port, instead of --robot.port; 'virtual' for a simulated arm."""
     model: str | None = None
-    """Model that tells what the arm would touch, and that a virtual arm moves as; ours of this name by default."""
+    """Model for collision checks and for the motion of a virtual arm; the included model of this robot by default."""
     reverse: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    """A joint that turns in the model against what LeRobot takes for forwards; may be given several times."""
+    """A joint whose positive direction in LeRobot is opposite to the model's; may be given several times."""
     zero: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    """Where a joint stands in the model when LeRobot says zero, JOINT=RADIANS; the middle of its range by default."""
+    """Model position of a joint at LeRobot's zero, JOINT=RADIANS; the middle of its range by default."""
     rate: float = 50.0
     """Control rate [Hz]."""
     speed: float = 2.0
-    """Speed that commands are limited to [rad/s]: a step becomes a ramp."""
+    """Limit of the commands' speed [rad/s]: steps become ramps."""
     excitation: str = "multisine"
     """Command signal, NAME or NAME:PARAMETER=NUMBER,…, such as steps, babbling, sine, multisine, triangle or chirp."""
     episodes: int = 50
@@ -67,7 +67,7 @@ class RecordLerobot(RecordArm):
 
     @classmethod
     def spell(cls, arguments: list[str]) -> list[str]:
-        """Turn LeRobot's other options, --robot.KEY=VALUE or --robot.KEY VALUE, into --robot.option KEY=VALUE."""
+        """Convert LeRobot's other options, --robot.KEY=VALUE or --robot.KEY VALUE, to --robot.option KEY=VALUE."""
         spelt, rest = list[str](), iter(arguments)
         for word in rest:
             key, equals, value = word.removeprefix("--robot.").partition("=")
@@ -79,29 +79,29 @@ class RecordLerobot(RecordArm):
 
     @property
     def kind(self) -> str:
-        """See `RecordArm`."""
+        """Name of the robot in datasets."""
         return self.robot.type
 
     @property
     def virtual(self) -> bool:
-        """See `RecordArm`."""
+        """Whether the arm is simulated."""
         return self._port == VIRTUAL
 
     @property
     def step(self) -> float:
-        """See `RecordArm`."""
+        """Largest difference between successive commands [rad]."""
         if not self.speed > 0:
             raise OptionError(f"--speed is {self.speed:g}; it must be above zero.")
         return self.speed / self.rate
 
     def arm_model(self) -> "Robot":
-        """See `RecordArm`."""
+        """Return the model for collision checks."""
         from nas_data.recorders.lerobot_robot import default_model
 
         return default_model(self.robot.type, self.model)
 
     def driver(self) -> "AbstractContextManager[Driver]":
-        """See `RecordArm`."""
+        """Return a context that yields the driver of the arm."""
         from nas_data.recorders.lerobot_robot import driver_of
 
         return driver_of(
@@ -109,7 +109,7 @@ class RecordLerobot(RecordArm):
         )
 
     def simulated(self) -> str:
-        """See `RecordArm`."""
+        """Return a phrase for the kind of virtual arm."""
         return f"virtual servos of a {self.robot.type}"
 
     @property
@@ -133,10 +133,10 @@ class RecordLerobot(RecordArm):
 
 
 def parse_pairs(option: str, texts: tuple[str, ...]) -> Mapping[str, str]:
-    """Read KEY=VALUE pairs.
+    """Parse KEY=VALUE pairs.
 
     Raises:
-        OptionError: one is none.
+        OptionError: a text is no such pair.
     """
     split = {text: text.partition("=") for text in texts}
     for text, (key, equals, _) in split.items():
@@ -146,7 +146,7 @@ def parse_pairs(option: str, texts: tuple[str, ...]) -> Mapping[str, str]:
 
 
 def parse_angle(joint: str, text: str) -> float:
-    """Read an angle.
+    """Parse an angle [rad].
 
     Raises:
         OptionError: it is no number.

@@ -25,41 +25,41 @@ class RecordSim(TakesModel):
     robot: str = "ergojr"
     """A robot's name, or any MJCF or URDF file."""
     env: str | None = None
-    """An environment instead: its robot and rate, its own starts, objects placed, and a signal in its action space."""
+    """An environment instead of a robot: its model, rate, initial states, objects, and commands in its action space."""
     dynamics: str = "backlash"
-    """What the target is, for --env: one of the environment's dynamics."""
+    """Dynamics of the target, for --env: one of the environment's dynamics."""
     engine: Literal["mujoco", "bullet"] = "mujoco"
     """Physics engine of the target."""
     effect: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    """An effect that the target has, NAME:joint=JOINT,PARAMETER=NUMBER; may be given several times."""
+    """An effect of the target, NAME:joint=JOINT,PARAMETER=NUMBER; may be given several times."""
     effects: Path | None = None
     """A file of effects, such as the effects.json of a gap report."""
     excitation: str = "steps"
     """Command signal, NAME or NAME:PARAMETER=NUMBER,…, such as steps, babbling, sine, multisine, triangle or chirp."""
     commands: Path | None = None
-    """Play a CSV file instead: columns <joint>.pos (or .vel, .effort, as the model takes them), perhaps 'episode'."""
+    """Play a CSV file instead: columns <joint>.pos (or .vel, .effort, as the model takes), optionally 'episode'."""
     episodes: int = 200
     """Number of episodes."""
     seconds: float | None = None
-    """Length of an episode [s]; 3, or an environment's own, where not given."""
+    """Length of an episode [s]; 3 by default, or the environment's."""
     rate: float | None = None
-    """Control rate [Hz]; the robot's own where not given."""
+    """Control rate [Hz]; the robot's by default."""
     start: Literal["rest", "random"] = "rest"
-    """First pose: the robot's rest, or random within a fifth of each range as in the paper's resets."""
+    """First pose: the robot's rest pose, or random within a fifth of each range as in the paper's resets."""
     noise: float = 0.0
     """Standard deviation of the measured positions [rad]."""
     quantum: float | None = None
-    """Resolution of the measured positions [rad]; 0 for exact readings, the robot's own where not given."""
+    """Resolution of the measured positions [rad]; 0 for exact readings, the robot's by default."""
     velocity_noise: float = 0.0
     """Standard deviation of the measured velocities [rad/s]."""
     joints: tuple[str, ...] = ()
-    """Move only these joints, the others resting; all by default."""
+    """Move only these joints; the others hold their rest position. All by default."""
     seed: int = 0
     """Seed of commands, poses and noise."""
     blind: bool = False
-    """Keep the effects out of the dataset's provenance, for tests in which they are to be found."""
+    """Omit the effects from the dataset's provenance, to test whether they are found."""
     name: str | None = None
-    """Name of the dataset: the next version of datasets/NAME; ROBOT_EXCITATION where not given."""
+    """Name of the dataset: the next version of datasets/NAME; ROBOT_EXCITATION by default."""
     out: Path | None = None
     """Write to exactly this folder instead."""
 

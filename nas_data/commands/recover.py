@@ -1,4 +1,4 @@
-"""Rescue the whole episodes of a half-written or damaged dataset."""
+"""Rescue the complete episodes of a half-written or damaged dataset."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,27 +16,27 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Recover(Command):
-    """Make a new dataset of the episodes that are whole, whatever killed or damaged the recording.
+    """Write a new dataset of the complete episodes of an interrupted or damaged recording.
 
-    Rescued are the episodes up to the first lost one, those too that LeRobot had saved in files which it could not
-    finish. The damaged dataset is not changed.
+    Episodes up to the first lost one are rescued, including those in files that LeRobot did not finish. The damaged
+    dataset is not changed.
 
     Example: nas recover recordings/monday --name monday
     """
 
     dataset: tyro.conf.Positional[Path]
-    """Damaged dataset: its folder, datasets/NAME, or the hidden folder (….partial-…) that a killed process left."""
+    """Damaged dataset: its folder, datasets/NAME, or the hidden folder (….partial-…) of a killed process."""
     beyond: bool = False
-    """Rescue the whole episodes behind a lost one as well; they get new numbers."""
+    """Also rescue the complete episodes after a lost one; they get new numbers."""
     like: Path | None = None
-    """A dataset recorded alike, whose names, units and rate are taken where meta/info.json is lost."""
+    """A dataset with the same names, units and rate, used if meta/info.json is lost."""
     name: str | None = None
-    """Name of the result: the next version below datasets/NAME; that of the damaged dataset where left out."""
+    """Name of the result: the next version below datasets/NAME; that of the damaged dataset by default."""
     out: Path | None = None
-    """Exactly this folder instead; must not exist."""
+    """Write to exactly this folder, which must not exist."""
 
     def run(self) -> CommandResult:
-        """Find, judge and write what is whole."""
+        """Find, check and write the complete episodes."""
         from nas_data.dataset.recover import find_damaged, recover
         from nas_data.dataset.staging import refuse_existing
         from nas_data.dataset.versions import check_name, resolve
@@ -53,7 +53,7 @@ class Recover(Command):
         return CommandResult("\n".join(describe_rescue(rescue, folder)), make_json(rescue, folder))
 
     def _write(self, rescue: "Rescue") -> Path | None:
-        """Write what was rescued; nothing where nothing was damaged."""
+        """Write the rescued episodes; return None if nothing was damaged."""
         from nas_data.dataset.recover import find_destination
         from nas_data.dataset.versions import FOLDER, write_version
         from nas_data.dataset.write import write
@@ -70,7 +70,7 @@ class Recover(Command):
 
 
 def describe_rescue(rescue: "Rescue", folder: Path | None) -> list[str]:
-    """Say what was rescued and what was lost."""
+    """Describe what was rescued and what was lost."""
     if folder is None or rescue.derived is None:
         return [
             f"{rescue.root} is whole: {count_of(len(rescue.kept), 'episode')}; nothing to rescue (nas verify checks "
@@ -91,7 +91,7 @@ def describe_rescue(rescue: "Rescue", folder: Path | None) -> list[str]:
 
 
 def make_json(rescue: "Rescue", folder: Path | None) -> dict[str, object]:
-    """Say the same for machines."""
+    """Return the same for JSON."""
     return {
         "dataset": folder,
         "damaged": rescue.root,

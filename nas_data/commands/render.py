@@ -1,4 +1,4 @@
-"""Draw an episode as a film: the measured arm and its models as ghosts in one scene."""
+"""Render an episode as a video: the measured arm and its models as ghosts in one scene."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,34 +12,34 @@ from nas_data.runs.progress import Counting
 
 @dataclass(frozen=True, kw_only=True)
 class Render(ShowsEpisode):
-    """Draw the measured arm, solid, and models under the same commands, transparent: one film and one picture.
+    """Render the measured arm (solid) and models under the same commands (transparent): one video and one picture.
 
     Example: nas render datasets/arm --model arm.xml --model runs/gap/model.xml --episode 3 --out film.mp4
     """
 
     out: Path = Path("film.mp4")
-    """The film; a picture of the same name, .png, lies beside it. With a name that ends in .png, only the picture."""
+    """Output video; a picture with suffix .png is written as well. With suffix .png, only the picture."""
     at: float | None = None
-    """When the picture is taken [s after the episode's start]; when the first model is farthest off by default."""
+    """Time of the picture [s after the episode's start]; by default when the first model has its largest error."""
     start: float = 0.0
-    """Where the film begins [s after the episode's start]."""
+    """Start of the video [s after the episode's start]."""
     seconds: float | None = None
-    """How much of the episode it shows [s]; all by default."""
+    """Length of the shown part of the episode [s]; all by default."""
     rate: int = 30
-    """Pictures a second."""
+    """Frames per second."""
     speed: float = 1.0
-    """Seconds of the episode in a second of film; below 1 is slow motion."""
+    """Playback speed; below 1 is slow motion."""
     width: int = 960
     """Width of a picture [px]."""
     height: int = 720
-    """Height of a picture, caption included [px]."""
+    """Height of a picture, with its caption [px]."""
     azimuth: float = 120.0
-    """Direction in which the camera looks, about the vertical axis [deg]."""
+    """Azimuth of the camera's view [deg]."""
     elevation: float = -15.0
-    """Direction in which the camera looks, above the horizon [deg]; negative looks down."""
+    """Elevation of the camera's view [deg]; negative looks down."""
 
     def run(self) -> CommandResult:
-        """Simulate, draw and write."""
+        """Simulate, render and write."""
         if self.out.suffix not in (".mp4", ".png"):
             raise OptionError(f"--out {self.out} must end in .mp4 (a film and a picture) or .png (the picture alone).")
         picture, film_file = self.out.with_suffix(".png"), self.out if self.out.suffix == ".mp4" else None

@@ -18,16 +18,16 @@ KINDS = {"models": "model", "policies": "policy", "gaps": "gap", "sweeps": "swee
 
 @dataclass(frozen=True, kw_only=True)
 class Report(Command):
-    """Show what lies in some folders: how models and policies learned, a gap, a sweep, a dataset.
+    """Show the contents of folders: trainings of models and policies, a gap, a sweep, a dataset.
 
     Example: nas report runs/delta-arm-seed0 runs/policy --out report.html
     """
 
     runs: tyro.conf.Positional[tuple[Path, ...]]
-    """Folders that `nas train`, `nas policy train`, a comparison, `nas demo`, `nas gap` or `nas ablate` wrote, folders
-    around runs, or datasets."""
+    """Folders written by `nas train`, `nas policy train`, a comparison, `nas demo`, `nas gap` or `nas ablate`, parents
+    of such folders, or datasets."""
     out: Path = Path("report.html")
-    """The page; an earlier page of ours is replaced."""
+    """Output page; an earlier page of `nas report` is replaced."""
 
     def run(self) -> CommandResult:
         """Read the folders and write the page."""
@@ -44,13 +44,13 @@ class Report(Command):
             parts = [section for part in pages for section in (PageSection(part.title, []), *part.sections)]
             page = HtmlPage("Reports of nas_data", parts)
         write_atomic(self.out, page.to_html().encode())
-        told = ", ".join(
+        kinds = ", ".join(
             f"{number} {KINDS[kind] if number == 1 else kind}" for kind, number in counts.items() if number
         )
-        return CommandResult(f"{told} → {self.out}", {"page": self.out, **counts})
+        return CommandResult(f"{kinds} → {self.out}", {"page": self.out, **counts})
 
     def pages(self) -> "tuple[list[HtmlPage], dict[str, int]]":
-        """Return the pages of gaps, sweeps and datasets, one about all runs, and how many there are of each kind."""
+        """Return one page per gap, sweep and dataset, one for all runs, and the number of each kind."""
         from nas_data.reports.page import HtmlPage
 
         pages, runs, counts = [], [], dict.fromkeys(KINDS, 0)
@@ -74,7 +74,7 @@ class Report(Command):
 
 
 def find_kind(path: Path) -> str:
-    """Return what a folder holds: `gaps`, `sweeps`, `datasets`, or else `runs`."""
+    """Return the kind of a folder: `gaps`, `sweeps`, `datasets`, or else `runs`."""
     from nas_data.dataset.layout import INFO
     from nas_data.dataset.versions import list_versions
 

@@ -1,4 +1,4 @@
-"""Look at an ErgoJr on a port: its servos and their state; calibrate, rename or reboot them."""
+"""Inspect an ErgoJr on a port: its servos and their state; calibrate, rename or reboot them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,10 +21,10 @@ NAME = "ergojr"
 
 @dataclass(frozen=True, kw_only=True)
 class RobotErgojr(Command):
-    """Show what answers on a port, and what keeps the arm from being used.
+    """Show the servos that answer on a port, and faults that prevent the arm's use.
 
-    Returns 0 where the arm is ready, 1 where it is not, 2 where nothing answers. Nothing moves, and the torque is left
-    as it is. To calibrate, put the arm into its zero pose by hand first: all marks of the horns in line.
+    Exit code: 0 if the arm is ready, 1 if not, 2 if nothing answers. Nothing moves, and the torque is not changed. To
+    calibrate, put the arm into its zero pose by hand first: all marks of the horns in line.
 
     Example: nas robot ergojr --port virtual
     """
@@ -32,22 +32,22 @@ class RobotErgojr(Command):
     port: str
     """Serial port of the adapter, for example the one of a U2D2; 'virtual' for a simulated arm."""
     calibrate: bool = False
-    """Take the present pose as zero and store it where LeRobot looks for it, or in --calibration."""
+    """Take the present pose as zero and store it in LeRobot's folder, or in --calibration."""
     calibration: Path | None = None
-    """Calibration file; LeRobot's own place where not given, which a virtual arm neither reads nor writes."""
+    """Calibration file; LeRobot's by default, which a virtual arm neither reads nor writes."""
     id: str = NAME
-    """Name of this very arm: LeRobot's robot id, which names its calibration file."""
+    """Name of this arm: LeRobot's robot id, which selects its calibration file."""
     reboot: bool = False
-    """Restart every servo first, which clears an overload or overheating; an arm that stands up falls."""
+    """Restart every servo first, which clears an overload or overheating; a raised arm falls."""
     rename: str | None = None
-    """Give a servo another identity, OLD:NEW; only one servo may answer to OLD."""
+    """Change a servo's ID, OLD:NEW; only one servo may have the ID OLD."""
     effect: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """An effect of the virtual arm, NAME:joint=JOINT,PARAMETER=NUMBER; may be given several times."""
     fault: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """A fault of the virtual arm, NAME:PARAMETER=NUMBER, for example unplugged:servo=3; may be given several times."""
 
     def run(self) -> CommandResult:
-        """Look, and do what is asked for."""
+        """Inspect the arm, and carry out the options."""
         from nas_data.hardware.virtual_bus.process import VIRTUAL, port_of
         from nas_data.hardware.xl320.arm import Xl320Arm
         from nas_data.hardware.xl320.joints import default_path, find_joints, make_ergojr_joints
@@ -63,11 +63,11 @@ class RobotErgojr(Command):
         with port_of(self.port, self.effect, self.fault) as port:
             arm = Xl320Arm(port, joints)
             try:
-                return self._look(arm, path)
+                return self._inspect(arm, path)
             finally:
                 arm.close()
 
-    def _look(self, arm: "Xl320Arm", path: Path | None) -> CommandResult:
+    def _inspect(self, arm: "Xl320Arm", path: Path | None) -> CommandResult:
         from nas_data.hardware.xl320.inventory import take_inventory
 
         if self.rename:
@@ -98,7 +98,7 @@ class RobotErgojr(Command):
         return f"Zero offsets {', '.join(map(str, joints.offsets))} ticks → {path}"
 
     def _rename(self, arm: "Xl320Arm", text: str) -> None:
-        """Give one servo another identity."""
+        """Change the ID of one servo."""
         from nas_data.hardware.xl320.survey import refuse_duplicates
 
         old, _, new = text.partition(":")
@@ -139,7 +139,7 @@ def make_servo_row(servo: "FoundServo", arm: "Xl320Arm") -> tuple[str, ...]:
 
 
 def make_json(inventory: "Inventory", arm: "Xl320Arm") -> dict[str, object]:
-    """Return the same for machines."""
+    """Return the inventory for JSON."""
     return {
         "port": arm.port,
         "servos": [vars(servo) for servo in inventory.servos],

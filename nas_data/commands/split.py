@@ -1,4 +1,4 @@
-"""Divide a dataset into two, by episodes or by a random share, or cut its episodes in time."""
+"""Split a dataset into two, by episodes or by a random share, or cut its episodes in time."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,13 +13,13 @@ from nas_data.runs.progress import report_elapsed
 
 @dataclass(frozen=True, kw_only=True)
 class Split(Command):
-    """Divide a dataset into two new ones, disjoint and together complete: train on one, test on the other.
+    """Split a dataset into two disjoint ones: train on one, test on the other.
 
     Example: nas split datasets/so101 --episodes 0-11 --names so101_train so101_test
 
     Example: nas split datasets/arm --share 0.8 --seed 0
 
-    With --seconds the result is one dataset of more and shorter episodes.
+    With --seconds the result is one dataset with more, shorter episodes.
 
     Example: nas split datasets/arm --seconds 3
     """
@@ -27,20 +27,20 @@ class Split(Command):
     dataset: tyro.conf.Positional[Path]
     """Dataset: a folder, or datasets/NAME for its newest version."""
     episodes: str | None = None
-    """Episodes of the first part, such as 0,1,2 or 0-11,14; the others make the second."""
+    """Episodes of the first part, such as 0,1,2 or 0-11,14; the others form the second."""
     share: float | None = None
-    """Instead of --episodes: share of the episodes that are drawn for the first part, such as 0.8."""
+    """Share of the episodes, drawn at random, for the first part, such as 0.8; instead of --episodes."""
     seed: int = 0
-    """Seed of that draw."""
+    """Seed of the draw."""
     seconds: float | None = None
-    """Instead: cut every episode into stretches of so many seconds, such as 3."""
+    """Cut every episode into segments of this length [s] instead, such as 3."""
     name: str | None = None
-    """Name of the dataset that --seconds makes; NAME_cut where left out."""
+    """Name of the result of --seconds; NAME_cut by default."""
     names: tuple[str, str] | None = None
-    """Names of the two; NAME_train and NAME_test where left out."""
+    """Names of the two parts; NAME_train and NAME_test by default."""
 
     def run(self) -> CommandResult:
-        """Choose, divide and write both parts."""
+        """Split the dataset and write both parts."""
         from nas_data.dataset.derive_provenance import Original
         from nas_data.dataset.split import draw, parse_episodes, split
         from nas_data.dataset.versions import check_name, find_home, write_version

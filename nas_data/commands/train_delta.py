@@ -1,4 +1,4 @@
-"""Train φ: what was measured next minus what the source predicts."""
+"""Train φ: the measured next state minus the source's prediction."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Literal

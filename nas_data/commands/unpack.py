@@ -1,4 +1,4 @@
-"""Take in a dataset that was shared as one file."""
+"""Unpack a dataset that was shared as one file."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,18 +12,18 @@ from nas_data.runs.progress import report_elapsed
 
 @dataclass(frozen=True, kw_only=True)
 class Unpack(Command):
-    """Check every byte of a packed dataset and make it a version of its name; nothing is ever overwritten.
+    """Check a packed dataset and add it as a version under its name; nothing is overwritten.
 
     Example: nas unpack ergojr.nas.tar
     """
 
     file: tyro.conf.Positional[Path]
-    """A file that 'nas pack' wrote."""
+    """A file written by 'nas pack'."""
     folder: Path = Path("datasets")
     """Folder of your datasets; the result is FOLDER/NAME/VERSION."""
 
     def run(self) -> CommandResult:
-        """Check and unpack."""
+        """Check and unpack the file."""
         from nas_data.dataset.content import hash_content
         from nas_data.dataset.read import read
         from nas_data.dataset.unpack import unpack

@@ -11,15 +11,15 @@ from nas_data.count_of import count_of
 
 @dataclass(frozen=True, kw_only=True)
 class Verify(Command):
-    """Check a dataset and say in one sentence each what is wrong.
+    """Check a dataset and report each problem in one sentence.
 
-    Returns 0 where the dataset is sound, 1 where it is not, 2 where there is none.
+    Exit code: 0 if the dataset is valid, 1 if not, 2 if there is none.
 
     Example: nas verify datasets/ergojr_sample
     """
 
     dataset: tyro.conf.Positional[Path]
-    """The dataset's folder, or datasets/NAME for its newest version."""
+    """Folder of the dataset, or datasets/NAME for its newest version."""
 
     def run(self) -> CommandResult:
         """Run every check."""

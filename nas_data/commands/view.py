@@ -1,4 +1,4 @@
-"""Look at an episode in Rerun: the measured arm and its models as ghosts, with all signals beside them."""
+"""View an episode in Rerun: the measured arm and its models as ghosts, with all signals."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +10,7 @@ from nas_data.errors import OptionError, OutputExists
 
 @dataclass(frozen=True, kw_only=True)
 class View(ShowsEpisode):
-    """Show the measured arm, models under the same commands, and all signals in Rerun, laid out as LeRobot does.
+    """Show the measured arm, models under the same commands, and all signals in Rerun, in LeRobot's layout.
 
     Example: nas view datasets/arm --model arm.xml --model runs/gap/model.xml --episode 3
     """

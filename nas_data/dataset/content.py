@@ -25,9 +25,9 @@ def convert_to_little_endian(dataset: Dataset, key: str) -> np.ndarray:
 def hash_content(dataset: Dataset) -> str:
     """Return the SHA-256 of a dataset's logical content, as hexadecimal digits.
 
-    Hashed are the features (key, names, units, dtype), the rate, the robot type, each episode's length and
-    task, and the exact bits of every value, little-endian, features sorted by key. File layout, column order,
-    provenance and LeRobot's automatic columns do not count. Of pass-through features only the description counts.
+    The hash covers the features (key, names, units, dtype) sorted by key, the rate, the robot type, and each episode's
+    length, task and exact values, little-endian. It ignores file layout, column order, provenance and LeRobot's
+    automatic columns. Of pass-through features it covers only the description.
     """
     header: dict[str, object] = {
         "schema": SCHEMA,

@@ -75,7 +75,7 @@ class Dataset:
 
     @classmethod
     def load(cls, path: str | Path, episodes: Sequence[int] = ()) -> "Dataset":
-        """Read a dataset as transitions in SI units, whoever recorded it.
+        """Read a dataset of any recorder as transitions in SI units.
 
         Velocities and next states that LeRobot's recordings lack are derived. Recordings by other tools are audited;
         warnings go to stderr.

@@ -114,7 +114,7 @@ def inherit(originals: Sequence[Original], deed: str) -> Provenance:
 
     Args:
         originals: The original datasets, at least one.
-        deed: What was done, as text.
+        deed: Description of the change.
     """
     before = [original.provenance or make_unknown_provenance(original.dataset) for original in originals]
     return Provenance(

@@ -1,14 +1,14 @@
-"""LeRobot's descriptions of pass-through features: whether two datasets may be joined in one, and what it then says."""
+"""LeRobot's descriptions of pass-through features: whether two of them are compatible, and their merged description."""
 
 from collections.abc import Mapping, Sequence
 
 Description = Mapping[str, object]
 
 LANGUAGE = "language"
-# How numbers in the pixels of a depth camera become metres, in LeRobot's words (DepthEncoderConfig of 0.6).
+# Conversion of a depth camera's pixels to metres, in LeRobot's terms (DepthEncoderConfig of 0.6).
 DEPTH_MARKS = ("is_depth_map", "video.is_depth_map")
 DEPTH_SCALE = ("depth_unit", "video.depth_min", "video.depth_max", "video.shift", "video.use_log")
-# How a video was made. A file is decoded by what it says itself, so that files that differ in these may be joined.
+# Encoding of a video. Each file is self-describing, so files with different encodings can be merged.
 ENCODER = (
     *("video.g", "video.crf", "video.preset", "video.fast_decode", "video.extra_options", "video.video_backend"),
     *("video.codec", "video.pix_fmt"),
@@ -16,7 +16,7 @@ ENCODER = (
 
 
 def describe_kind(entry: Description) -> str:
-    """Return type and shape as words."""
+    """Return type and shape in words."""
     depth = " (depth)" if is_depth(entry) else ""
     return f"{entry.get('dtype')} of shape {entry.get('shape')}{depth}"
 
@@ -33,7 +33,7 @@ def is_depth(entry: Description) -> bool:
 
 
 def find_difference(a: Description, b: Description) -> tuple[str, object, object] | None:
-    """Return what makes the values of two features mean different things, with both values; None if nothing does."""
+    """Return the entry in which the values of two features differ in meaning, with both values; None if none does."""
     for key in ("dtype", "shape"):
         if a.get(key) != b.get(key):
             return key, a.get(key), b.get(key)
@@ -45,19 +45,19 @@ def find_difference(a: Description, b: Description) -> tuple[str, object, object
 
 
 def make_common_description(entries: Sequence[Description]) -> Description:
-    """Return the description of joined features: the first one's, without the encoding in which others differ."""
+    """Return the description of merged features: the first one's, without differing encodings."""
     first, *others = entries
     if not others:
         return first
     infos = [_info(entry, "info") for entry in entries]
     unlike = [key for key in ENCODER if any(info.get(key) != infos[0].get(key) for info in infos)]
-    # LeRobot's merge writes the same for what is not known.
+    # LeRobot's merge writes the same for unknown values.
     unknown: dict[str, object] = {key: {} if key == "video.extra_options" else None for key in unlike}
     return {**first, "info": {**infos[0], **unknown}} if unlike else first
 
 
 def make_schema_entry(entry: Description) -> Mapping[str, object] | None:
-    """Return how `datasets` names the type of a column; None where it tells the type from the column itself.
+    """Return the column type for `datasets`; None if it is inferred from the column itself.
 
     LeRobot's annotation and editing tools write columns without it.
     """

@@ -19,10 +19,10 @@ class Change:
 
     Attributes:
         largest: Largest absolute difference, in the feature's unit.
-        unit: That unit; empty where none is stored.
-        component: Where the largest difference is: the component's name …
-        episodes: … the episode in A and in B …
-        frame: … and the frame within it.
+        unit: That unit; empty if none is stored.
+        component: Component with the largest difference.
+        episodes: Its episodes in A and in B.
+        frame: Its frame within the episode.
         frames: Number of frames that differ in any bit.
     """
 
@@ -36,21 +36,21 @@ class Change:
 
 @dataclass(frozen=True)
 class Difference:
-    """What differs between two datasets A and B; a pair is (in A, in B).
+    """Differences between two datasets A and B; a pair is (in A, in B).
 
     Attributes:
-        content_hashes: Their content hashes.
-        only: Features that only one has.
-        changed: Features that both have, described differently: key → descriptions.
-        joints: Joints that only one has.
-        rates: Rates [Hz], where they differ.
-        robots: Robot types, where they differ.
+        content_hashes: Content hashes.
+        only: Features in only one dataset.
+        changed: Features in both with different descriptions: key → descriptions.
+        joints: Joints in only one dataset.
+        rates: Rates [Hz], if they differ.
+        robots: Robot types, if they differ.
         counts: Numbers of episodes.
-        equal_episodes: Number of episodes that both have, bit for bit in the features that they share.
-        moved: Number of those that have another index.
+        equal_episodes: Number of episodes in both that are bit-identical in the shared features.
+        moved: Number of those with another index.
         compared: Episodes of equal length that were compared value by value.
-        unmatched: Episodes that only one has.
-        values: Feature → how its values differ in the compared episodes.
+        unmatched: Episodes in only one dataset.
+        values: Feature → difference of its values in the compared episodes.
         tasks: Episodes with different tasks: (episode in A, in B, task in A, in B).
         provenance: Differences in provenance; they do not count as content.
     """
@@ -76,7 +76,7 @@ class Difference:
         return self.content_hashes[0] == self.content_hashes[1]
 
     def to_json(self) -> dict[str, object]:
-        """Return the difference for machines."""
+        """Return the difference for JSON."""
         found = {item.name: getattr(self, item.name) for item in fields(self)}
         return {
             "equal": self.equal_content,
@@ -90,8 +90,8 @@ def compare_datasets(
 ) -> Difference:
     """Compare two datasets.
 
-    Episodes are matched by the exact values of the features that both have. The others are compared in order, each
-    episode with the next one of equal length.
+    Episodes are matched by the exact values of the shared features. The others are compared in order, each with the
+    next one of equal length.
 
     Args:
         a: One dataset.
@@ -121,7 +121,7 @@ def compare_datasets(
         moved=sum(i != j for i, j in equal),
         compared=compared,
         unmatched=_find_unpaired_episodes(*rest, compared),
-        values={key: change for key in same_kind if (change := _change(a, b, key, compared))},
+        values={key: change for key in same_kind if (change := _compare_feature(a, b, key, compared))},
         tasks=tuple((i, j, a.tasks[i], b.tasks[j]) for i, j in sorted([*equal, *compared]) if a.tasks[i] != b.tasks[j]),
         provenance=_compare_provenance(*come_from),
     )
@@ -130,7 +130,7 @@ def compare_datasets(
 def match(a: Mapping[int, object], b: Mapping[int, object]) -> list[tuple[int, int]]:
     """Pair the indices of equal items, each once: first those at the same index, then in order of index.
 
-    Swapping the two swaps the pairs.
+    Swapped arguments give swapped pairs.
     """
     same = [index for index, item in a.items() if index in b and b[index] == item]
     waiting: dict[object, list[int]] = {}
@@ -141,13 +141,13 @@ def match(a: Mapping[int, object], b: Mapping[int, object]) -> list[tuple[int, i
 
 
 def describe(feature: Feature) -> str:
-    """Return a feature in words."""
+    """Describe a feature in words."""
     units = ", ".join(dict.fromkeys(feature.units)) or "no unit"
     return f"{feature.dtype} [{units}] {', '.join(feature.names)}"
 
 
 def _is_comparable(a: Feature, b: Feature) -> bool:
-    """Whether values of two features can be subtracted; a missing unit is no other unit."""
+    """Whether values of two features can be subtracted; a missing unit matches any."""
     return a.names == b.names and a.dtype == b.dtype and (not a.units or not b.units or a.units == b.units)
 
 
@@ -156,20 +156,20 @@ def _list_joints(dataset: Dataset) -> tuple[str, ...]:
 
 
 def _find_exclusive_items(a: tuple[str, ...], b: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the items that only the first has, and those that only the second has."""
+    """Return the items of only the first, and those of only the second."""
     return tuple(item for item in a if item not in b), tuple(item for item in b if item not in a)
 
 
 def _find_unpaired_episodes(
     a: Sequence[int], b: Sequence[int], pairs: Sequence[tuple[int, int]]
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return the episodes of each side that are in no pair."""
+    """Return the episodes of each side that are not in a pair."""
     paired = {i for i, _ in pairs}, {j for _, j in pairs}
     return tuple(i for i in a if i not in paired[0]), tuple(j for j in b if j not in paired[1])
 
 
-def _change(a: Dataset, b: Dataset, key: str, pairs: Sequence[tuple[int, int]]) -> Change | None:
-    """Return how one feature differs over pairs of episodes of equal length; None if all bits agree."""
+def _compare_feature(a: Dataset, b: Dataset, key: str, pairs: Sequence[tuple[int, int]]) -> Change | None:
+    """Return the difference of one feature over pairs of episodes of equal length; None if all bits agree."""
     columns = [convert_column(dataset, key) for dataset in (a, b)]
     frames, worst = 0, None
     for pair in pairs:
@@ -195,7 +195,7 @@ def _view_bytes(values: np.ndarray) -> np.ndarray:
 
 
 def _compare_provenance(a: Provenance | None, b: Provenance | None) -> dict[str, tuple[object, object]]:
-    """Return the entries of the provenance that differ; None for one that has none."""
+    """Return the differing entries of the provenance; None for a missing entry."""
     found = [dict(_list_entries(item)) for item in (a, b)]
     keys = dict.fromkeys([*found[0], *found[1]])
     return {key: (found[0].get(key), found[1].get(key)) for key in keys if found[0].get(key) != found[1].get(key)}

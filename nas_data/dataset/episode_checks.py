@@ -14,8 +14,8 @@ from nas_data.dataset.parquet import read_parquet
 from nas_data.dataset.read_damaged import ReadableRows
 from nas_data.errors import DatasetInvalid
 
-TOLERANCE = 1e-4  # share of a value; LeRobot's statistics pass through float32
-CHECKED = ("min", "max", "mean")  # statistics that both LeRobot versions and nas compute alike
+TOLERANCE = 1e-4  # relative; LeRobot's statistics pass through float32
+CHECKED = ("min", "max", "mean")  # statistics that both LeRobot versions and nas compute identically
 
 
 @dataclass(frozen=True)
@@ -117,6 +117,6 @@ def _is_consistent(key: str, recorded: Mapping[str, np.ndarray], measured: Mappi
         stored = recorded.get(f"{key}/{name}")
         if stored is None or stored.shape != values[row].shape:
             continue
-        if not (np.abs(stored - values[row]) <= TOLERANCE * scale).all():  # so that NaN does not agree
+        if not (np.abs(stored - values[row]) <= TOLERANCE * scale).all():  # a negated comparison, so that NaN fails
             return False
     return True

@@ -1,6 +1,6 @@
-"""Audit of datasets that other tools recorded; errors are refused with the command that imports the dataset.
+"""Audit of datasets that other tools recorded; errors name the command that imports the dataset.
 
-Datasets that nas recorded or imported were audited then.
+Datasets that nas recorded or imported were audited at that time.
 """
 
 import shlex
@@ -21,9 +21,9 @@ from nas_data.errors import DatasetInvalid
 OURS = {"simulated", "hardware", "imported", "paired"}
 MAPS = Path(__file__).parents[1] / "importing" / "maps"
 REFUSED = ("rate", "time_gap", "time_backwards", "repeated_time", "not_finite", "unit_slip")
-ALSO_CALLED = {"so_follower": "so101_follower"}  # LeRobot's name of a SO-100 and a SO-101, whose servos count alike
-LARGEST = 100.001  # of LeRobot's −100 … 100, with rounding
-LEROBOT = "_lerobot"  # how the names of maps of LeRobot's datasets end
+ALSO_CALLED = {"so_follower": "so101_follower"}  # LeRobot's name of a SO-100 and a SO-101, whose encoders are equal
+LARGEST = 100.001  # bound of LeRobot's −100 … 100, with rounding
+LEROBOT = "_lerobot"  # suffix of the names of maps for LeRobot's datasets
 
 
 def audit_external(root: Path, recorded: Dataset) -> tuple[Dataset, dict[str, str], tuple[str, ...]]:
@@ -81,7 +81,7 @@ def refuse(root: Path, findings: Sequence[AuditFinding], dataset: Dataset) -> No
 
 
 def import_command(root: Path, dataset: Dataset) -> str:
-    """Return the command that imports a dataset of degrees or −100 … 100; both where the readings could be either."""
+    """Return the command that imports a dataset of degrees or −100 … 100; both commands if the unit is ambiguous."""
     where = shlex.quote(str(root))
     name = map_for(dataset.robot_type)
     if name:
@@ -95,7 +95,7 @@ def import_command(root: Path, dataset: Dataset) -> str:
 
 
 def map_for(robot_type: str) -> str | None:
-    """Return the shipped map for LeRobot's name of a robot; None if there is none."""
+    """Return the included map for LeRobot's name of a robot; None if there is none."""
     robot_type = ALSO_CALLED.get(robot_type, robot_type)
     names = sorted(file.stem for file in MAPS.glob(f"*{LEROBOT}.toml") if file.stem != "example" + LEROBOT)
     return next((name for name in names if robot_type.startswith(name.removesuffix(LEROBOT))), None)

@@ -1,4 +1,4 @@
-"""The features of a dataset: keys, names and units as the contract fixes them."""
+"""Features of a dataset: keys, names and units of the contract."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -31,8 +31,8 @@ class Feature:
     """One column of a dataset: a vector per frame.
 
     Attributes:
-        names: What each component is, for example `m1.pos`; its length is the vector's.
-        units: Unit of each component; empty where unknown.
+        names: Name of each component, for example `m1.pos`.
+        units: Unit of each component; empty if unknown.
         dtype: NumPy name of the stored type.
     """
 
@@ -54,7 +54,7 @@ class Feature:
 
     @classmethod
     def from_info(cls, key: str, info: Mapping[str, object]) -> "Feature":
-        """Read LeRobot's description; names given as a dict of lists or missing are made a flat list."""
+        """Read LeRobot's description; names in a dict are flattened, missing ones are generated."""
         shape = info.get("shape") or [1]
         width = int(np.prod(np.asarray(shape)))
         names = info.get("names")
@@ -71,12 +71,12 @@ class Feature:
 
 
 def make_joint_feature(joints: Sequence[str], suffixes: Sequence[str], slides: Collection[str] = ()) -> Feature:
-    """Return a feature with one component a joint for each suffix, in the contract's units.
+    """Return a feature with one component per joint and suffix, in the contract's units.
 
     Args:
         joints: Names of the joints.
-        suffixes: What of them: `POSITION`, `VELOCITY`, `EFFORT`.
-        slides: Which of the joints are slides, in metres and newtons.
+        suffixes: Quantities: `POSITION`, `VELOCITY`, `EFFORT`.
+        slides: Names of the slides, in metres and newtons.
     """
     parts = [(joint, suffix) for suffix in suffixes for joint in joints]
     return Feature(
@@ -101,7 +101,7 @@ def make_effort_feature(joints: Sequence[str], slides: Collection[str] = ()) -> 
 
 
 def make_action_feature(joints: Sequence[str], kinds: Sequence[str], slides: Collection[str] = ()) -> Feature:
-    """What each joint is asked for: a position, a velocity or a torque, by its kind (`.pos`, `.vel`, `.effort`)."""
+    """Command of each joint: a position, velocity or torque, by its kind (`.pos`, `.vel`, `.effort`)."""
     parts = list(zip(joints, kinds, strict=True))
     return Feature(
         names=tuple(joint + kind for joint, kind in parts),
@@ -115,7 +115,7 @@ def make_time_feature() -> Feature:
 
 
 def flag_feature(key: str) -> Feature:
-    """A yes or no a frame, named as LeRobot names what has no names."""
+    """One boolean per frame, with the name that LeRobot gives to unnamed features."""
     return Feature(names=(key,), dtype="bool")
 
 

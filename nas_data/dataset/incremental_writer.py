@@ -65,7 +65,7 @@ class IncrementalWriter:
         """Save episodes atomically and flush them to the disk.
 
         Args:
-            episodes: A dataset of at least one episode, of the same features and the same task each time.
+            episodes: At least one episode; features and task are equal in all calls.
             provenance: Origin of the episodes.
             attachments: Extra files by path, stored with the first episodes.
         """
@@ -80,7 +80,7 @@ class IncrementalWriter:
             (folder / layout.STATS).unlink()  # overall statistics are computed at the end
         for path in [folder, *(path for path in folder.rglob("*") if path.is_dir())]:
             flush_folder(path)
-        self._turn_to(folder)
+        self._redirect_link(folder)
         if number:
             shutil.rmtree(self._make_generation_path(number), ignore_errors=True)
 
@@ -134,7 +134,7 @@ class IncrementalWriter:
             table = table.append_column(key, make_number_array(values))
         return encode_parquet(table)
 
-    def _turn_to(self, folder: Path) -> None:
+    def _redirect_link(self, folder: Path) -> None:
         """Redirect the link to another folder atomically."""
         link = self.root.with_name(f".{self.root.name}.link")
         link.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""`meta/info.json`: what LeRobot v3.0 says of a dataset."""
+"""`meta/info.json`: LeRobot v3.0's description of a dataset."""
 
 import importlib.util
 from collections.abc import Mapping
@@ -42,7 +42,7 @@ class DatasetInfo:
         data_path: Template of the paths of data files.
         video_path: Template of the paths of videos; None without videos.
         features: LeRobot's description of each feature.
-        tools: What the messages of language columns may call, as LeRobot describes it.
+        tools: Tools that messages of language columns may call, as LeRobot describes them.
     """
 
     codebase_version: str = CODEBASE_VERSION

@@ -20,13 +20,13 @@ SHORT, LARGE = 4, 16  # [bytes] of the size of a box in an MP4 file; of a header
 
 
 class FilmedSource(PassthroughSource):
-    """A dataset with rescued rows whose only pass-through features are videos."""
+    """A rescued dataset whose only pass-through features are videos."""
 
     def __init__(self, root: Path, episodes: np.ndarray, lengths: np.ndarray, fps: float) -> None:
         """Find the episodes in the videos.
 
         Args:
-            root: The dataset; its `meta/info.json` is whole.
+            root: The dataset; its `meta/info.json` is undamaged.
             episodes: Numbers of the episodes with rows, ascending, shape (E,).
             lengths: Number of rows of each, shape (E,).
             fps: Control rate [Hz].
@@ -86,7 +86,7 @@ def count_frames(path: Path) -> int:
     """Return the number of frames in a video file.
 
     Raises:
-        DatasetInvalid: the file is missing, or holds no whole video.
+        DatasetInvalid: the file is missing, or its video is incomplete.
     """
     import av
 
@@ -102,7 +102,7 @@ def count_frames(path: Path) -> int:
 
 
 def is_whole(path: Path) -> bool:
-    """Whether the boxes of an MP4 file end where the file ends; one that was cut off may still be opened."""
+    """Whether the boxes of an MP4 file end at the end of the file; a truncated one may still open."""
     end, length = 0, path.stat().st_size
     with path.open("rb") as stream:
         while end < length:

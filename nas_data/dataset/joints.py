@@ -11,7 +11,7 @@ from nas_data.errors import DatasetInvalid, JointMismatch
 
 LARGEST_ANGLE = 4 * np.pi  # [rad] two turns; servos and arms stay below, degrees exceed it
 LARGEST_LENGTH = 10.0  # [m] slides of arms stay below, millimetres exceed it
-# Units of a hinge's and of a slide's quantities, as people write them; the first is the contract's.
+# Common spellings of the units of hinges and slides; the first one is the contract's.
 ANGULAR = {POSITION: ("rad",), VELOCITY: ("rad/s",), EFFORT: ("N·m", "N*m", "N m", "Nm")}
 LINEAR = {POSITION: ("m",), VELOCITY: ("m/s",), EFFORT: ("N",)}
 REMEDY = "import it with a map that gives the unit (nas import --map)"

@@ -1,7 +1,7 @@
 """LeRobot's language columns: a list of messages per frame, as `lerobot-annotate` (0.6) writes them.
 
-`language_events` holds what is said at a frame. `language_persistent` holds what stays true: the same list at every
-frame of an episode, each message with the time [s] since the episode's start at which it begins.
+`language_events` holds the messages of a frame. `language_persistent` holds messages that remain valid: the same list
+at every frame of an episode, each with its start time [s] since the episode's start.
 """
 
 import json
@@ -24,7 +24,7 @@ def has_times(column: pa.ChunkedArray) -> bool:
 
 
 def move_times(column: pa.ChunkedArray, clocks: Sequence[tuple[np.ndarray, np.ndarray]]) -> pa.ChunkedArray:
-    """Return a column with the times of its messages in another clock.
+    """Return a column with the times of its messages converted to another clock.
 
     Args:
         column: Lists of messages with times, N rows.
@@ -51,11 +51,11 @@ def move_times(column: pa.ChunkedArray, clocks: Sequence[tuple[np.ndarray, np.nd
 
 
 def make_alike(columns: Sequence[pa.ChunkedArray]) -> list[pa.ChunkedArray]:
-    """Return columns that can be put after one another without a change of values.
+    """Return columns that can be concatenated without a change of values.
 
-    LeRobot's writer gives a column the type of what happens to be called in its file. Where the calls of two files
-    have other arguments, they are stored as JSON texts, which LeRobot reads alike. Joined as they are, each call would
-    get the other's arguments, empty.
+    LeRobot's writer derives a column's type from the tool calls in its file. If the calls of two files have different
+    arguments, they are stored as JSON texts, which LeRobot reads equally. Concatenated directly, each call would get
+    the other's arguments, empty.
     """
     first, *others = [column.type for column in columns]
     if all(_fits(first, other) for other in others) and all(_fits(a, b) for a in others for b in others):
@@ -64,7 +64,7 @@ def make_alike(columns: Sequence[pa.ChunkedArray]) -> list[pa.ChunkedArray]:
 
 
 def _fits(a: pa.DataType, b: pa.DataType) -> bool:
-    """Whether two types differ at most in what is empty in one of them."""
+    """Whether two types differ at most in parts that are empty in one of them."""
     if a == b or pa.types.is_null(a) or pa.types.is_null(b):
         return True
     if pa.types.is_list(a) and pa.types.is_list(b):

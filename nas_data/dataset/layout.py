@@ -10,16 +10,16 @@ CODEBASE_VERSION = "v3.0"
 INFO = "meta/info.json"
 STATS = "meta/stats.json"
 TASKS = "meta/tasks.parquet"
-SUBTASKS = "meta/subtasks.parquet"  # texts that a column subtask_index counts; LeRobot 0.4 reads it
+SUBTASKS = "meta/subtasks.parquet"  # texts for the indices of a column subtask_index; LeRobot 0.4 reads it
 PROVENANCE = "meta/nas.json"
-SOURCE = "meta/source.xml"  # the model that predicted a paired dataset
+SOURCE = "meta/source.xml"  # source model of a paired dataset
 SOURCE_EFFECTS = "meta/source_effects.json"
 CARD = "README.md"
 DATA_TEMPLATE = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 EPISODES_TEMPLATE = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 FILES_PER_CHUNK = 1000
 FILE_MEGABYTES = 100
-VIDEO_FILE_MEGABYTES = 200  # LeRobot wants the entry although we store no video.
+VIDEO_FILE_MEGABYTES = 200  # LeRobot requires the entry even without videos.
 
 AUTOMATIC = {
     "timestamp": "float32",

@@ -18,7 +18,7 @@ from nas_data.errors import DatasetInvalid, JointMismatch
 
 
 def merge(originals: Sequence[Original]) -> Derived:
-    """Join datasets of the same joints, features, rate and robot type.
+    """Merge datasets with equal joints, features, rate and robot type.
 
     Args:
         originals: The datasets, at least one.

@@ -6,14 +6,15 @@ from math import comb
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-SMALLEST = 1e-5  # [rad] below which no floor makes sense: float32 and solver tolerances
-# Of the differences in which noise shows: rounding alone looks like more in even ones; the higher, the less motion
+SMALLEST = 1e-5  # [rad] smallest meaningful floor: float32 and solver tolerances
+# Orders of the differences that show noise: rounding alone looks larger in even orders; higher orders contain less
+# motion.
 ODD, ORDERS = (3, 5), (4, 5, 6, 8)
 DEVIATION_PER_MAD = 1.4826  # standard deviation over median absolute deviation of a normal distribution
-STRETCH, END, FAR = 16, 4, 4.0  # readings in which a joint moves, at either end of them, and how many steps it moves
-MIN_STRETCHES = 50  # such stretches from which noise can be told
-MIN_READINGS = 10  # different repeated readings from which a quantum can be told
-MULTIPLES = 1e-3  # how near readings must lie to multiples of a quantum, as a share of it
+STRETCH, END, FAR = 16, 4, 4.0  # readings of a stretch in motion, at either end of it, and its smallest motion [steps]
+MIN_STRETCHES = 50  # fewest such stretches to estimate noise
+MIN_READINGS = 10  # fewest different repeated readings to estimate a quantum
+MULTIPLES = 1e-3  # largest distance of readings from multiples of a quantum, as a share of it
 
 
 def estimate_noise(readings: Sequence[np.ndarray], order: int, step: float = 0.0) -> float:

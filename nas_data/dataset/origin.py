@@ -65,7 +65,7 @@ class Origin:
         root: Folder that it was read from; None if it was made in memory.
         recorded: Content of that folder, without derived features.
         attachments: Extra files by path, such as the source model of the predictions.
-        noticed: Warnings of the audits, already printed on stderr.
+        noticed: Warnings of the audits, already shown on stderr.
     """
 
     dataset: Dataset

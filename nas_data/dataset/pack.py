@@ -1,7 +1,7 @@
 """A dataset as one file: an uncompressed tar whose bytes depend only on the dataset's files.
 
-The Parquet files are already compressed with Snappy. gzip would save two fifths (44.5 MB to 24.8 MB of 300,000 frames),
-but its bytes depend on the zlib version, and it takes longer than everything else. The first member, `nas-pack.json`,
+The Parquet files are already compressed with Snappy. gzip would save two fifths (44.5 MB to 24.8 MB of 300,000 frames).
+But its bytes depend on the zlib version, and it takes longer than everything else. The first member, `nas-pack.json`,
 holds the dataset's name, its content hash and the SHA-256 of every other member. Members are sorted and have no owners
 or times, so a folder has exactly one pack. The receiver rebuilds and compares it, so that any altered byte is found.
 """
@@ -170,7 +170,7 @@ def _add(archive: tarfile.TarFile, name: str, content: bytes) -> None:
 
 
 def is_plain(name: str) -> bool:
-    """Whether a path stays inside the folder that it is put into, on every system."""
+    """Whether a path stays inside the target folder, on every system."""
     return len(name) <= LONGEST_PATH and all(
         part and part[0] != "." and part.isprintable() and not set(part) & set('\\:*?"<>|') and len(part.encode()) < 256
         for part in name.split("/")

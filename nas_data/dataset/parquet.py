@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 
 from nas_data.errors import DatasetInvalid
 
-UNREADABLE = (pa.ArrowException, OSError, UnicodeDecodeError)  # what Arrow raises at a damaged file
+UNREADABLE = (pa.ArrowException, OSError, UnicodeDecodeError)  # exceptions of Arrow for damaged files
 
 
 def open_parquet(path: Path) -> pq.ParquetFile:

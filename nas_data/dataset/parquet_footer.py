@@ -157,7 +157,7 @@ def _make_column_chunk(pattern: Value, pages: Sequence[ParquetPage]) -> Struct:
 
 
 def _read_footer(content: bytes) -> Fields:
-    """Return the footer of a whole file."""
+    """Return the footer of a complete file."""
     if content[-4:] != MAGIC:
         raise ValueError("the template has no footer")
     return parse(content, len(content) - 8 - int.from_bytes(content[-8:-4], "little"))[0]

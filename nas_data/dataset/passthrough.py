@@ -37,7 +37,7 @@ class PassthroughFeatures:
         roots: Source datasets; they have the same pass-through features.
         rows: Source row of each frame, counted over the episodes of all roots in order, shape (N,).
         rescued_source: Replaces the only root if its own files do not locate the episodes.
-        kept: The features that are passed through; None for all that the first root has.
+        kept: Keys of the passed features; None for all of the first root.
     """
 
     roots: tuple[Path, ...]
@@ -47,7 +47,7 @@ class PassthroughFeatures:
 
     @classmethod
     def of(cls, root: Path, frames: int) -> "PassthroughFeatures | None":
-        """Return the pass-through features of a dataset; None if there are none, and no tools either."""
+        """Return the pass-through features of a dataset; None if there are neither features nor tools."""
         info = DatasetInfo.read(root)
         wanted = info.other_features or info.tools
         return cls((root.resolve(),), np.arange(frames)) if wanted else None
@@ -59,7 +59,7 @@ class PassthroughFeatures:
         """Return the pass-through features of undamaged episodes in a damaged dataset.
 
         Args:
-            root: The damaged dataset; its `meta/info.json` is whole.
+            root: The damaged dataset; its `meta/info.json` is undamaged.
             episodes: Numbers of the episodes.
             lengths: Frames of each episode, shape (E,).
             rescued_source: Locates the episodes if the dataset does not.
@@ -90,7 +90,7 @@ class PassthroughFeatures:
 
     @property
     def tools(self) -> list[object]:
-        """What the messages of the language columns may call, as LeRobot describes it, of all roots."""
+        """Tools that messages of the language columns of all roots may call, as LeRobot describes them."""
         found: list[object] = []
         for tool in (tool for info in self._infos for tool in info.tools or ()):
             found += [] if tool in found else [tool]
@@ -106,11 +106,11 @@ class PassthroughFeatures:
         return tuple(source.frames for source in self._sources)
 
     def take(self, chosen: np.ndarray) -> "PassthroughFeatures":
-        """Return some of the frames."""
+        """Return the features of some frames."""
         return replace(self, rows=self.rows[chosen])
 
     def only(self, keys: Iterable[str]) -> "PassthroughFeatures":
-        """Return the features of some keys."""
+        """Return the features with some keys."""
         return replace(self, kept=tuple(keys))
 
     def without_videos(self) -> "PassthroughFeatures":
@@ -131,7 +131,7 @@ class PassthroughFeatures:
         """Return the columns of consecutive episodes as LeRobot stores them; videos have none.
 
         Args:
-            first: Their first frame.
+            first: First frame of the episodes.
             lengths: Number of frames of each episode, consecutive in its source, shape (E,).
             fps: Control rate [Hz].
         """
@@ -142,15 +142,15 @@ class PassthroughFeatures:
         found = {key: table[key] for key in keys}
         timed = [key for key in keys if self.features[key].get("dtype") == LANGUAGE and has_times(found[key])]
         if timed:
-            clocks = self._clocks(first + np.cumsum(lengths) - lengths, lengths, fps)
+            clocks = self._find_clocks(first + np.cumsum(lengths) - lengths, lengths, fps)
             if clocks is not None:
                 found |= {key: move_times(found[key], clocks) for key in timed}
         return found
 
-    def _clocks(
+    def _find_clocks(
         self, starts: np.ndarray, lengths: np.ndarray, fps: float
     ) -> list[tuple[np.ndarray, np.ndarray]] | None:
-        """Return each frame's episode in the source's clock and in its own [s]; None where no clock was moved."""
+        """Return for each frame the times [s] of its episode in source and result; None if all are equal."""
         sources = [self._find_source(int(self.rows[start])) for start in starts]
         if all(source.rows_before(row) == 0 and source.fps == fps for source, row in sources):
             return None
@@ -167,7 +167,7 @@ class PassthroughFeatures:
         return {key: entry for key, entry in known.items() if entry}
 
     def clips(self, starts: np.ndarray, lengths: np.ndarray, fps: float) -> dict[str, list[Clip]]:
-        """Return the video clip of each episode, for every camera that is stored as video.
+        """Return the clip of each episode for every camera that is stored as video.
 
         Args:
             starts: First frame of each episode, shape (E,).
@@ -175,7 +175,7 @@ class PassthroughFeatures:
             fps: Control rate [Hz].
 
         Raises:
-            DatasetInvalid: a video is missing, or its place is not known.
+            DatasetInvalid: a video or the episode's place in it is missing.
         """
         cameras = [key for key, entry in self.features.items() if entry.get("dtype") == VIDEO]
         found: dict[str, list[Clip]] = {key: [] for key in cameras}
@@ -191,7 +191,7 @@ class PassthroughFeatures:
         return found
 
     def check(self, starts: np.ndarray, lengths: np.ndarray) -> None:
-        """Refuse episodes of which a video or a column is missing; arguments as above.
+        """Refuse episodes without one of their videos or columns; arguments as for `clips`.
 
         Raises:
             DatasetInvalid: names what is missing.
@@ -201,7 +201,7 @@ class PassthroughFeatures:
             source.check(self._stored)
 
     def statistics(self, starts: np.ndarray) -> list[Mapping[str, object]]:
-        """Return the source's statistics of the episode in which each start frame lies, by column."""
+        """Return the source's statistics of the episode of each start frame, by column."""
         found: list[Mapping[str, object]] = []
         for start in starts if self.features else ():
             source, row = self._find_source(int(self.rows[start]))
@@ -224,7 +224,7 @@ class PassthroughFeatures:
 
 
 def shared_features(passthrough: Sequence[PassthroughFeatures | None]) -> list[str]:
-    """Return the features that all have and that mean the same in all."""
+    """Return the features that all have with the same meaning."""
     described = [part.features if part else {} for part in passthrough]
     first, *others = described
     return [

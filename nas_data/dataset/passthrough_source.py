@@ -45,11 +45,11 @@ class PassthroughSource:
         return -(-found // max(self.frames, 1))
 
     def rows_before(self, row: int) -> int:
-        """Return how many rows of its episode are before a row."""
+        """Return the number of rows before a row in its episode."""
         return row - self._find_first_row(int(self._numbers[row]))
 
     def stamps(self, row: int) -> np.ndarray:
-        """Return the time stamps [s] of the episode of a row; where the clock went back, it stands still."""
+        """Return the time stamps [s] of a row's episode; decreasing ones are replaced by the last larger one."""
         number = int(self._numbers[row])
         return np.maximum.accumulate(self._stamps[self._find_first_row(number) : self._find_first_row(number + 1)])
 
@@ -84,7 +84,7 @@ class PassthroughSource:
             raise DatasetInvalid(f"{path} has no column '{missing}'{self.remedy(missing)}.")
 
     def remedy(self, key: str) -> str:
-        """Return what helps where a feature is not all there."""
+        """Return the remedy for an incomplete feature."""
         return f"; restore it from a copy, or take '{key}' out of 'features' in {self.root / layout.INFO}"
 
     def schema_metadata(self) -> dict[str, object]:
@@ -178,7 +178,7 @@ def take_rows(wanted: np.ndarray, tables: Sequence[tuple[int, Callable[[np.ndarr
 
 
 def join_tables(parts: Sequence[pa.Table]) -> pa.Table:
-    """Return tables of the same columns after one another; values stay as they are."""
+    """Concatenate tables with the same columns; values stay unchanged."""
     names = parts[0].column_names
     columns = {name: make_alike([part[name] for part in parts]) for name in names}
     alike = [pa.table({name: columns[name][number] for name in names}) for number in range(len(parts))]

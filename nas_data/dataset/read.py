@@ -23,7 +23,7 @@ STAMP_TOLERANCE = 1e-4  # [s] LeRobot's own tolerance for timestamps
 
 
 def read(path: Path) -> Dataset:
-    """Read a dataset, whoever wrote it: nas, LeRobot's API of any 0.4 to 0.6 version, `lerobot-record`.
+    """Read a dataset by any writer: nas, LeRobot's API of versions 0.4 to 0.6, `lerobot-record`.
 
     Images, videos, strings and matrices are passed through. LeRobot's automatic columns are left out. A `timestamp`
     that is not frame_index / fps is a recorder's clock; it becomes `nas.time` if there is none.
@@ -60,7 +60,7 @@ def read(path: Path) -> Dataset:
 
 
 def contradicts_rate(dataset: Dataset, stamps: np.ndarray) -> bool:
-    """Return whether LeRobot's time stamps [s], shape (N, 1), differ from frame_index / fps."""
+    """Whether LeRobot's time stamps [s], shape (N, 1), differ from frame_index / fps."""
     frame = np.arange(dataset.n_frames) - np.repeat(dataset.starts, dataset.lengths)
     allowed = np.maximum(STAMP_TOLERANCE, np.spacing(np.abs(stamps[:, 0]).astype(np.float32)))
     return bool((np.abs(stamps[:, 0] - frame / dataset.fps) > allowed).any())
@@ -194,7 +194,7 @@ def read_tasks(root: Path) -> dict[int, str]:
     try:
         columns = [table[name].to_pylist() for name in ("task_index", text)]
         return {int(number): str(task) for number, task in zip(*columns, strict=True)}
-    except (KeyError, TypeError, ValueError):  # a column that is missing, or values that are no numbers or texts
+    except (KeyError, TypeError, ValueError):  # a missing column, or values of other types
         raise DatasetInvalid(f"{path} has no tasks that can be read; restore it from a copy.") from None
 
 
@@ -216,7 +216,7 @@ def find_episode_tasks(tasks: Mapping[int, str], task_index: np.ndarray, lengths
 
 
 def frame_tasks(tasks: Mapping[int, str], task_index: np.ndarray, lengths: np.ndarray) -> np.ndarray | None:
-    """Return the task of each frame, shape (N,); None if each episode has a single one. Arguments as above."""
+    """Return each frame's task, shape (N,); None if each episode has one; arguments as for `find_episode_tasks`."""
     if np.array_equal(np.repeat(task_index[np.cumsum(lengths) - lengths], lengths), task_index):
         return None
     return np.array([tasks.get(number, "") for number in task_index.tolist()], object)

@@ -106,7 +106,7 @@ class _Files:
         return rows
 
     def _rows(self, name: str, path: Path) -> dict[str, np.ndarray] | None:
-        """Read a file that has a footer: as a whole, or else by row group, that is by episode."""
+        """Read a file with a footer: as a whole, or else by row group (episode)."""
         try:
             return Rows.read(self.root, self.features, [path]).columns
         except DatasetInvalid as error:

@@ -11,7 +11,7 @@ from nas_data.dataset.features import TIME
 from nas_data.dataset.rows import TextLines, format_rows
 from nas_data.dataset.start_velocities import detect_derived_velocities
 
-SIGNAL = "nas."  # how the keys of further signals begin
+SIGNAL = "nas."  # prefix of the keys of further signals
 
 
 @dataclass(frozen=True)

@@ -114,7 +114,7 @@ def recover(root: Path, beyond: bool = False, like: Path | None = None) -> Rescu
         reports.append("the rows are whole, the metadata are not: they are made anew")
     tasks = _recover_tasks(root, found, known)
     dataset = _build_dataset(info, found, kept, tasks)
-    dataset = replace(dataset, frame_tasks=_frame_tasks(root, found, kept))
+    dataset = replace(dataset, frame_tasks=_recover_frame_tasks(root, found, kept))
     passthrough, left_out = _recover_passthrough(root, info, found, kept, dataset.lengths, described=like is None)
     dataset, reports = replace(dataset, passthrough=passthrough), [*reports, *left_out]
     unknown = [episode for episode in kept if not tasks[episode]]
@@ -182,7 +182,7 @@ def _explain_failure(root: Path, reports: Sequence[str], left: Sequence[int]) ->
 
 
 def _is_whole(root: Path, provenance: Provenance | None) -> bool:
-    """Return whether a dataset is readable and its metadata agree with its rows."""
+    """Whether a dataset is readable and its metadata agree with its rows."""
     if not (root / layout.TASKS).is_file():
         return False
     automatic = {key: Feature((key,), dtype=dtype) for key, dtype in layout.AUTOMATIC.items()}
@@ -220,21 +220,21 @@ def _recover_passthrough(
         try:
             return PassthroughFeatures.rescued(root, kept, lengths), []
         except DatasetInvalid as error:
-            reason = _reason(error)
+            reason = _strip_remedy(error)
     if described and {info.features[key].get("dtype") for key in keys} == {VIDEO}:
         try:
             filmed = FilmedSource(root, found.episodes, found.lengths, info.fps)
             return PassthroughFeatures.rescued(root, kept, lengths, filmed), []
         except DatasetInvalid as error:
-            reason = _reason(error)
+            reason = _strip_remedy(error)
     if not keys:
         return None, []
     lost = describe_left_out({key: info.features[key] for key in keys}, reason)
     return None, [f"{lost}; what there is of it lies in {root / 'videos'} and {root / 'data'}"]
 
 
-def _reason(error: DatasetInvalid) -> str:
-    """Return what is wrong without the remedy."""
+def _strip_remedy(error: DatasetInvalid) -> str:
+    """Return an error message without its remedy."""
     return str(error).partition(";")[0].rstrip(".")
 
 
@@ -251,8 +251,8 @@ def _recover_tasks(root: Path, found: ReadableRows, known: Mapping[int, EpisodeE
     }
 
 
-def _frame_tasks(root: Path, found: ReadableRows, kept: Sequence[int]) -> np.ndarray | None:
-    """Return the task of each recovered frame; None if each episode has a single one, or the task table is lost."""
+def _recover_frame_tasks(root: Path, found: ReadableRows, kept: Sequence[int]) -> np.ndarray | None:
+    """Return each recovered frame's task, shape (N,); None if episodes have one task each, or the table is lost."""
     try:
         names = read_tasks(root)
     except DatasetInvalid:

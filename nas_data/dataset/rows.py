@@ -1,4 +1,4 @@
-"""Naming rows of a log in a sentence; rows count from 0 at the first row of data, lines of a file from 1."""
+"""Row numbers of a log in messages; rows count from 0 at the first row of data, lines of a file from 1."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,10 +12,10 @@ SHOWN = 5
 
 @dataclass(frozen=True)
 class TextLines:
-    """Lines in which the rows of a text file stand, as an editor numbers them.
+    """Line numbers of the rows of a text file.
 
     Attributes:
-        path: The file: a header, then one line a row. Empty lines hold no row.
+        path: The file: a header, then one line per row. Empty lines are skipped.
         count: Number of rows.
     """
 
@@ -24,7 +24,7 @@ class TextLines:
 
     @cached_property
     def numbers(self) -> np.ndarray:
-        """Line of each row, shape (N,); empty where a row takes several lines, so that no line is certain."""
+        """Line of each row, shape (N,); empty if rows span several lines, because line numbers are then uncertain."""
         lines = self.path.read_bytes().splitlines()
         filled = np.flatnonzero(np.array([bool(line) for line in lines])) + 1
         return filled[1:] if len(filled) == self.count + 1 else filled[:0]
@@ -42,14 +42,14 @@ def find_row_spans(rows: Sequence[int] | np.ndarray) -> list[tuple[int, int]]:
 
 
 def format_rows(rows: Sequence[int] | np.ndarray, lines: TextLines | None = None) -> str:
-    """Return rows as people write them, and where to find them.
+    """Format row numbers, with the lines of the file if known.
 
     `row 3 (counted from 0)`, `rows 3–7, 12, 15, 20, 31 and 40 more places (counted from 0)`, or, for a text file,
     `row 3 (line 5 of log.csv)`, `rows 3–7, 12 (lines 5–9, 14 of log.csv)`.
 
     Args:
         rows: Row numbers, counted from 0, ascending.
-        lines: Lines of the text file in which they stand; None for other logs.
+        lines: Lines of the rows in a text file; None for other logs.
     """
     runs = find_row_spans(rows)[:SHOWN]
     more = len(find_row_spans(rows)) - SHOWN
@@ -62,7 +62,7 @@ def format_rows(rows: Sequence[int] | np.ndarray, lines: TextLines | None = None
 
 
 def _format_numbers(noun: str, runs: Sequence[tuple[int, int]]) -> str:
-    """Return runs of numbers behind their noun: `row 3`, `rows 3–7, 12`."""
+    """Return runs of numbers after their noun: `row 3`, `rows 3–7, 12`."""
     words = [str(first) if first == last else f"{first}–{last}" for first, last in runs]
     one = len(runs) == 1 and runs[0][0] == runs[0][1]
     return f"{noun if one else f'{noun}s'} {', '.join(words)}"

@@ -34,7 +34,7 @@ def split(original: Original, chosen: Sequence[int], how: str = "") -> tuple[Der
             f"{len(first)} of the {count} episodes of {original.root} were chosen; both parts need at least one."
         )
     second = sorted(set(range(count)) - set(first))
-    return _part(original, first, how), _part(original, second, how and f"the others than {how}")
+    return _make_part(original, first, how), _make_part(original, second, how and f"the others than {how}")
 
 
 def draw(count: int, share: float, seed: int) -> list[int]:
@@ -87,7 +87,7 @@ def format_episodes(episodes: Sequence[int]) -> str:
     return ",".join(str(run[0]) if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs)
 
 
-def _part(original: Original, episodes: Sequence[int], how: str) -> Derived:
+def _make_part(original: Original, episodes: Sequence[int], how: str) -> Derived:
     """Return one part; its provenance names the episodes."""
     rule = f"{count_of(len(episodes), 'episode')}, {how}," if how else f"episodes {format_episodes(episodes)}"
     deed = f"{rule} of {original.parent.name}"

@@ -21,7 +21,7 @@ def staging_folder(root: Path) -> Iterator[Path]:
     The folder is locked while it is written, which distinguishes it from the remains of a killed process.
     """
     hidden = _make_hidden_path(root.parent, root)
-    with _failures_named(root):
+    with _name_failures(root):
         root.parent.mkdir(parents=True, exist_ok=True)
         hidden.mkdir()
         try:
@@ -33,7 +33,7 @@ def staging_folder(root: Path) -> Iterator[Path]:
 
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """Hold the lock of a folder while the context is open, or until the process ends; wait for it first.
+    """Wait for the lock of a folder, and hold it while the context is open or until the process ends.
 
     `filelock` locks files only. A folder keeps its lock when it is renamed, and no lock file remains.
     """
@@ -52,7 +52,7 @@ def check_creatable(root: Path) -> None:
         OutputExists: the path exists.
         CannotWrite: a file has the name of a parent folder, permission is missing, or the disk is full.
     """
-    with _failures_named(root):
+    with _name_failures(root):
         refuse_existing(root)
         above = next(folder for folder in root.absolute().parents if folder.exists())
         trial = _make_hidden_path(above, root)
@@ -66,7 +66,7 @@ def _make_hidden_path(folder: Path, root: Path) -> Path:
 
 
 @contextmanager
-def _failures_named(root: Path) -> Iterator[None]:
+def _name_failures(root: Path) -> Iterator[None]:
     """Turn errors of writing beside `root` into an error that names `root` and the reason."""
     try:
         yield
@@ -129,7 +129,7 @@ def flush_folder(folder: Path) -> None:
 
 
 def find_leftovers(folder: Path, name: str = "*") -> list[Path]:
-    """Return the hidden folders of killed writers in a folder, without those that are being written."""
+    """Return the hidden folders of killed writers in a folder, without folders of running ones."""
     return [path for path in sorted(folder.glob(f".{name}{MARK}*")) if path.is_dir() and not _is_locked(path)]
 
 

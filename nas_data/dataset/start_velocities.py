@@ -56,7 +56,7 @@ def find_start_velocities(dataset: Dataset) -> StartVelocities:
     Args:
         dataset: Transitions with 2n-states.
     """
-    free, n, begun = not dataset.commands_positions, len(dataset.joints), np.flatnonzero(dataset.lengths > 0)
+    free, n, filled = not dataset.commands_positions, len(dataset.joints), np.flatnonzero(dataset.lengths > 0)
     values: np.ndarray = np.zeros((dataset.n_episodes, n))
     deviations: np.ndarray = np.zeros((dataset.n_episodes, n))
     episodes = [dataset.states[rows].astype(float) for rows in dataset.episodes() if rows.stop > rows.start]
@@ -67,16 +67,16 @@ def find_start_velocities(dataset: Dataset) -> StartVelocities:
         if derived[joint]:
             readings = [with_last(dataset, rows, joint) for rows in dataset.episodes() if rows.stop > rows.start]
             found = [fit_velocity(row, 0, float(noise[joint]), dataset.fps) for row in readings]
-            values[begun, joint], deviations[begun, joint] = np.array(found).T
+            values[filled, joint], deviations[filled, joint] = np.array(found).T
         else:
-            values[begun, joint] = [rows[0, joint] for rows in velocities]
-            deviations[begun, joint] = estimate_velocity_noise([rows[:, joint] for rows in velocities], free)
+            values[filled, joint] = [rows[0, joint] for rows in velocities]
+            deviations[filled, joint] = estimate_velocity_noise([rows[:, joint] for rows in velocities], free)
     rest = np.zeros((dataset.n_episodes, 1), bool)  # episodes that the recorder reports at rest
-    rest[begun] = [[not rows[0].any()] for rows in velocities]
+    rest[filled] = [[not rows[0].any()] for rows in velocities]
     values, deviations = np.where(rest, 0.0, values), np.where(rest, 0.0, deviations)
     least = np.where(derived, SLOW_SHARE * compute_large_speeds(positions, dataset.fps), 0.0)
     moving = np.abs(values) > np.maximum(SIGNIFICANT_DEVIATIONS * deviations, least)
-    if dataset.commands_positions and moving.any(axis=1).sum() < max(CUT_EPISODE_SHARE * len(begun), 1):
+    if dataset.commands_positions and moving.any(axis=1).sum() < max(CUT_EPISODE_SHARE * len(filled), 1):
         values, deviations = np.where(moving, values, 0.0), np.where(moving, deviations, 0.0)
     return StartVelocities(values, deviations, derived, noise)
 
@@ -176,7 +176,7 @@ def estimate_velocity_noise(velocities: Sequence[np.ndarray], effort: bool) -> f
 def detect_derived_velocities(
     positions: Sequence[np.ndarray], velocities: Sequence[np.ndarray], fps: float
 ) -> np.ndarray:
-    """Return whether the velocities of each joint were computed from positions by a common formula; shape (n,).
+    """Return a mask of the joints whose velocities were computed from positions by a common formula, shape (n,).
 
     Args:
         positions: Positions of each episode [rad], shape (T, n).

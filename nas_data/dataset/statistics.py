@@ -1,7 +1,7 @@
 """LeRobot's statistics of each feature, per episode and over all: min, max, mean, std, count and five quantiles.
 
-LeRobot estimates the quantiles of an episode from a histogram and those of a dataset as the mean of its episodes';
-both are exact here (linear between order statistics), in the time that LeRobot's take for one episode.
+LeRobot estimates the quantiles of an episode from a histogram, and those of a dataset as the mean over its episodes.
+Both are exact here (linear between order statistics), in the time of LeRobot's estimate for one episode.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -60,7 +60,7 @@ def _compute_group_statistics(columns: Mapping[str, np.ndarray], lengths: np.nda
 def _compute_episode_statistics(
     columns: list[np.ndarray], edges: np.ndarray, lengths: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Return each statistic but the count of all columns side by side, shape (E, all widths)."""
+    """Return each statistic except the count, for all columns side by side, shape (E, all widths)."""
     result = {name: np.empty((len(lengths), edges[-1])) for name in NAMES if name != "count"}
     starts = np.cumsum(lengths) - lengths
     for members in _split_equal_lengths(lengths, int(edges[-1])):

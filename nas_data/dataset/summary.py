@@ -17,7 +17,7 @@ from nas_data.dataset.versions import find_dataset_name, resolve
 from nas_data.errors import DatasetInvalid, JointMismatch
 
 KINDS = {POSITION: "position", VELOCITY: "velocity", EFFORT: "torque"}
-LONGEST_CHAIN = 100  # generations; ends a chain that contains itself
+LONGEST_CHAIN = 100  # generations; ends a cyclic chain
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class DatasetSummary:
     provenance: tuple[tuple[str, Provenance], ...]
 
     def to_json(self) -> dict[str, object]:
-        """Return the summary for machines; sizes in frames, duration in seconds."""
+        """Return the summary for JSON; sizes in frames, duration in seconds."""
         features = {
             key: {"names": item.names, "units": item.units, "dtype": item.dtype} for key, item in self.features.items()
         }
@@ -81,7 +81,7 @@ class DatasetSummary:
 
 
 def summarize(path: Path) -> DatasetSummary:
-    """Read a dataset and describe it.
+    """Read and summarise a dataset.
 
     Raises:
         DatasetNotFound: there is no dataset at the path.

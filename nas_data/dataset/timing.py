@@ -6,7 +6,7 @@ LATE = 0.3  # share of a control period; a later reading does not belong to its 
 
 
 def find_late_readings(delays: np.ndarray, period: float) -> np.ndarray:
-    """Return whether each reading is late, shape (T,).
+    """Return a mask of the late readings, shape (T,).
 
     Args:
         delays: Delay of each reading [s], shape (T,).

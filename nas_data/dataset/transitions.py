@@ -61,14 +61,14 @@ def as_transitions(dataset: Dataset) -> tuple[Dataset, dict[str, str]]:
         notes += [f"left out: {', '.join(components.others)}"] if components.others else []
         if notes:
             derived[key] = "; ".join(notes)
-        dataset = _arrange(dataset, key, components, joints, slides)
-    dataset, made = _complete(dataset, len(joints))
+        dataset = _arrange_components(dataset, key, components, joints, slides)
+    dataset, made = _add_derived(dataset, len(joints))
     derived |= {key: "; ".join(filter(None, [how, derived.get(key)])) for key, how in made.items()}
     return dataset, derived
 
 
 def estimate_velocities(positions: np.ndarray, fps: float) -> np.ndarray:
-    """Estimate velocities as the module's documentation says.
+    """Estimate velocities by the method in the module's docstring.
 
     Args:
         positions: Positions of one episode at evenly spaced times [rad], shape (T, n).
@@ -96,10 +96,10 @@ def _find_feature(dataset: Dataset, key: str) -> Feature:
     return dataset.features[key]
 
 
-def _arrange(
+def _arrange_components(
     dataset: Dataset, key: str, components: Components, joints: tuple[str, ...], slides: Collection[str]
 ) -> Dataset:
-    """Rename and reorder the components of a feature as the contract says; a state may have positions only."""
+    """Rename and reorder the components of a feature to the contract's; a state may have positions only."""
     groups: list[Mapping[str, int]]
     if key == ACTION:
         commanded = components.commanded()
@@ -119,7 +119,7 @@ def _arrange(
     return dataset.with_column(key, feature, dataset.columns[key][:, places])
 
 
-def _complete(dataset: Dataset, n: int) -> tuple[Dataset, dict[str, str]]:
+def _add_derived(dataset: Dataset, n: int) -> tuple[Dataset, dict[str, str]]:
     """Add missing velocities and the missing next state."""
     widths = {key: dataset.features[key].width for key in (STATE, NEXT_STATE, SIM_STATE) if key in dataset.features}
     if set(widths.values()) == {2 * n} and NEXT_STATE in widths:

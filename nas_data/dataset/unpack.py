@@ -37,7 +37,7 @@ def unpack(file: Path, folder: Path) -> Path:
     """
     if not file.is_file():
         raise DatasetNotFound(f"There is no file {file}; give one that 'nas pack' wrote.")
-    with _refusal(file), tarfile.open(file, mode="r:") as archive:
+    with _translate_errors(file), tarfile.open(file, mode="r:") as archive:
         manifest = Manifest.from_bytes(_read_content(archive, check_members(archive)[MANIFEST]))
     home = folder / manifest.name
     present = next(path for path in (home, *home.parents) if path.exists())
@@ -45,8 +45,8 @@ def unpack(file: Path, folder: Path) -> Path:
         raise OptionError(f"{present} is a file; give the folder of your datasets with --folder.")
     try:
         with staging_folder(home / "version") as hidden:
-            with _refusal(file):
-                _take_out(file, hidden, manifest)
+            with _translate_errors(file):
+                _extract(file, hidden, manifest)
                 _check_whole(file, hidden, manifest)
             return _settle(hidden, home, manifest)
     finally:
@@ -54,7 +54,7 @@ def unpack(file: Path, folder: Path) -> Path:
 
 
 @contextmanager
-def _refusal(file: Path) -> Iterator[None]:
+def _translate_errors(file: Path) -> Iterator[None]:
     """Turn errors of reading a pack into one error with the reason."""
     try:
         yield
@@ -92,7 +92,7 @@ def _read_content(archive: tarfile.TarFile, member: tarfile.TarInfo) -> bytes:
     return stream.read() if stream else b""
 
 
-def _take_out(file: Path, hidden: Path, manifest: Manifest) -> None:
+def _extract(file: Path, hidden: Path, manifest: Manifest) -> None:
     """Write the members into a folder; their times and owners are ignored."""
     with tarfile.open(file, mode="r:") as archive:
         members = check_members(archive)
@@ -105,11 +105,7 @@ def _take_out(file: Path, hidden: Path, manifest: Manifest) -> None:
 
 
 def _check_whole(file: Path, hidden: Path, manifest: Manifest) -> None:
-    """Compare every file, the rows and the pack itself with the manifest.
-
-    Raises:
-        ValueError: something differs.
-    """
+    """Compare every file, the rows and the pack itself with the manifest; raise ValueError for a difference."""
     found = hash_files(hidden)
     altered = [name for name, digest in manifest.files.items() if found.get(name) != digest]
     if altered:
@@ -152,7 +148,7 @@ class _Digest(io.RawIOBase):
 
 
 def _settle(hidden: Path, home: Path, manifest: Manifest) -> Path:
-    """Make the unpacked folder a version; it keeps its number if that is free, so that derived datasets find it."""
+    """Make the unpacked folder a version; it keeps its number if free, so that derived datasets find it."""
     for path in list_versions(home):
         # A dataset without provenance stores no content hash; it is computed from the rows.
         same_name = path.name.endswith(manifest.content_hash[:8])
@@ -162,7 +158,7 @@ def _settle(hidden: Path, home: Path, manifest: Manifest) -> Path:
 
 
 def _is_same(path: Path, manifest: Manifest) -> bool:
-    """Whether a dataset has a pack's rows; its files too if it has features that the content hash leaves out."""
+    """Whether a dataset has the rows of a pack, and the same files if it has pass-through features."""
     try:
         carries = DatasetInfo.read(path).other_features
         return hash_content(read(path)) == manifest.content_hash and (not carries or hash_files(path) == manifest.files)

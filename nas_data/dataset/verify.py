@@ -181,8 +181,8 @@ def _check_episodes(evidence: VerifyInput) -> Iterator[str]:
             yield f"meta/episodes says {key} {found[wrong[0]]} for episode {wrong[0]}, the rows say {values[wrong[0]]}."
 
 
-def _passed_through(evidence: VerifyInput) -> Iterator[str]:
-    """Report a missing video or column where no provenance tells which files there were."""
+def _check_passthrough(evidence: VerifyInput) -> Iterator[str]:
+    """Report missing videos or columns; without provenance, a missing file is not detected otherwise."""
     dataset = evidence.dataset
     if dataset.passthrough is None or evidence.provenance is not None:
         return
@@ -193,7 +193,7 @@ def _passed_through(evidence: VerifyInput) -> Iterator[str]:
 
 
 def _check_statistics(evidence: VerifyInput) -> Iterator[str]:
-    """Compare `meta/stats.json`, which policies normalise with, with the values."""
+    """Compare `meta/stats.json`, which policies use for normalisation, with the values."""
     path = evidence.root / layout.STATS
     stats = layout.read_json(path)
     for key, column in evidence.dataset.columns.items():
@@ -256,12 +256,12 @@ def _locate(dataset: Dataset, row: np.integer) -> str:
     return f"episode {episode}, frame {int(row) - int(dataset.starts[episode])}"
 
 
-# Checks of what can be recomputed from the rows.
+# Checks against values that can be recomputed from the rows.
 METADATA: tuple[Callable[[VerifyInput], Iterator[str]], ...] = (_check_indices, _check_episodes, _check_statistics)
 PROBLEMS: tuple[Callable[[VerifyInput], Iterator[str]], ...] = (
     _check_content,
     *METADATA,
-    _passed_through,
+    _check_passthrough,
     _report_audit_problems,
     _check_continuity,
 )

@@ -63,7 +63,7 @@ def check_paired(root: Path, dataset: Dataset, who: str, otherwise: str = "") ->
     Args:
         root: Folder of the dataset.
         dataset: The dataset.
-        who: What learns from the predictions, for the error.
+        who: User of the predictions, for the error.
         otherwise: Another remedy, for the error.
 
     Raises:
@@ -230,8 +230,8 @@ def _find_same_version(
 ) -> Path | None:
     """Return the newest version with a content hash and the same source model.
 
-    The content hash leaves out pass-through features. Where a dataset has some, the files that hold them are compared:
-    equal rows with other pictures or messages are another version.
+    The content hash ignores pass-through features. If there are any, their files are compared: equal rows with other
+    pictures or messages are another version.
 
     Args:
         home: Folder of the name's versions.

@@ -1,4 +1,4 @@
-"""Videos of a dataset: which part of a file an episode is, and links to the files of other datasets."""
+"""Videos of a dataset: the part of a file that belongs to an episode, and links to files of other datasets."""
 
 import os
 import shutil

@@ -29,9 +29,9 @@ def write(dataset: Dataset, root: Path, provenance: Provenance, attachments: Map
     """Write a dataset into a new folder, atomically.
 
     Args:
-        dataset: What to write.
+        dataset: The dataset.
         root: The folder; must not exist.
-        provenance: Where the dataset comes from; content hash and file hashes are filled in.
+        provenance: Origin of the dataset; content hash and file hashes are filled in.
         attachments: Further files by their path in the dataset, for example `meta/source.xml`.
 
     Returns:
@@ -59,10 +59,10 @@ def fill(folder: Path, dataset: Dataset, provenance: Provenance, attachments: Ma
     with ThreadPoolExecutor(max_workers=1) as disk:
         hashes |= {name: disk.submit(_hash, path) for name, path in videos.items()}
         for name, content in _make_files(dataset, attachments, places):
-            # A file is written while the next one is built, so at most two are in memory.
+            # A file is written while the next one is built: at most two are in memory.
             for earlier in hashes.values():
                 earlier.result()
-            hashes[name] = disk.submit(_put_hashed, folder / name, content)
+            hashes[name] = disk.submit(_write_hashed, folder / name, content)
     complete = replace(provenance, files={name: found.result() for name, found in hashes.items()})
     write_synced(folder / layout.PROVENANCE, encode_json(complete.to_json()))
     write_synced(folder / layout.CARD, render_card(dataset, complete).encode())
@@ -74,7 +74,7 @@ def _hash(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _put_hashed(path: Path, content: bytes | memoryview) -> str:
+def _write_hashed(path: Path, content: bytes | memoryview) -> str:
     """Write a file and return its SHA-256."""
     write_synced(path, content)
     return hashlib.sha256(content).hexdigest()
@@ -83,13 +83,7 @@ def _put_hashed(path: Path, content: bytes | memoryview) -> str:
 def _make_files(
     dataset: Dataset, attachments: Mapping[str, bytes], places: Mapping[str, list[object]]
 ) -> Iterator[tuple[str, bytes | memoryview]]:
-    """Make each file of the dataset but videos, card and provenance: its path and content.
-
-    Args:
-        dataset: What is written.
-        attachments: Further files by their path.
-        places: Columns of the episode table that locate the videos.
-    """
+    """Yield path and content of each file except videos, card and provenance; `places` locates the videos."""
     tasks = dataset.all_tasks
     columns = {key: convert_column(dataset, key) for key in dataset.features}
     columns |= make_automatic_columns(dataset, tasks)
@@ -155,7 +149,7 @@ def split_episodes(lengths: np.ndarray, row_bytes: int) -> list[range]:
 
 
 def make_data_file(columns: Mapping[str, np.ndarray], dataset: Dataset, episodes: range) -> memoryview:
-    """Return a Parquet file of some episodes, one row group an episode as LeRobot has it."""
+    """Return a Parquet file of some episodes, one row group per episode as in LeRobot."""
     lengths, passthrough = dataset.lengths, dataset.passthrough
     first, last = int(lengths[: episodes.start].sum()), int(lengths[: episodes.stop].sum())
     arrays = {key: _convert_to_arrow(column[first:last]) for key, column in columns.items()}
@@ -163,9 +157,9 @@ def make_data_file(columns: Mapping[str, np.ndarray], dataset: Dataset, episodes
     metadata = _make_huggingface_metadata(columns, passthrough.huggingface() if passthrough else {})
     table = pa.table({**arrays, **further}).replace_schema_metadata(metadata)
     stream = pa.BufferOutputStream()
-    # Dictionaries make files of floats larger and twice as slow, those of messages that every frame repeats ten times
-    # smaller. LeRobot filters episodes by episode_index only.
-    repeated: list[str] | bool = [path for key in further for path in _texts_of(table.schema.field(key).type, key)]
+    # Dictionaries make files of floats larger and twice as slow, but files of messages that every frame repeats ten
+    # times smaller. LeRobot filters episodes by episode_index only.
+    repeated: list[str] | bool = [path for key in further for path in _find_texts(table.schema.field(key).type, key)]
     options = {"use_dictionary": repeated or False, "write_statistics": ["episode_index"]}
     with pq.ParquetWriter(stream, table.schema, **options) as writer:
         sizes = lengths[episodes.start : episodes.stop]
@@ -178,15 +172,15 @@ def make_data_file(columns: Mapping[str, np.ndarray], dataset: Dataset, episodes
     return memoryview(stream.getvalue())
 
 
-def _texts_of(kind: pa.DataType, path: str) -> Iterator[str]:
+def _find_texts(kind: pa.DataType, path: str) -> Iterator[str]:
     """Yield the path of each text in a column."""
     if isinstance(kind, pa.BaseExtensionType):
-        yield from _texts_of(kind.storage_type, path)
+        yield from _find_texts(kind.storage_type, path)
     elif pa.types.is_list(kind):
-        yield from _texts_of(kind.value_type, f"{path}.list.element")
+        yield from _find_texts(kind.value_type, f"{path}.list.element")
     elif pa.types.is_struct(kind):
         for field in kind:
-            yield from _texts_of(field.type, f"{path}.{field.name}")
+            yield from _find_texts(field.type, f"{path}.{field.name}")
     elif pa.types.is_string(kind):
         yield path
 
@@ -198,7 +192,7 @@ def _convert_to_arrow(column: np.ndarray) -> pa.Array:
 
 
 def _make_huggingface_metadata(columns: Mapping[str, np.ndarray], further: Mapping[str, object]) -> dict[str, str]:
-    """Return the schema metadata that `datasets.Features` would write, those of further columns as they were."""
+    """Return the schema metadata of `datasets.Features`, with the given metadata of further columns."""
     entries: dict[str, object] = {}
     for key, column in columns.items():
         value = {"dtype": str(column.dtype), "_type": "Value"}

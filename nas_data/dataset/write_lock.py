@@ -9,7 +9,7 @@ from filelock import FileLock, Timeout
 
 from nas_data.errors import BeingWritten
 
-TAKING = 0.1  # [s] of trying to take a lock whose holder may just be removing it
+TAKING = 0.1  # [s] to retry a lock whose holder may be removing it
 
 
 @contextmanager

@@ -113,7 +113,7 @@ class Task:
         """Return the effects that a dynamics adds to the source.
 
         Raises:
-            UnknownName: the task has no such dynamics; lists those it has.
+            UnknownName: the task has no such dynamics; lists its dynamics.
         """
         if dynamics not in self.dynamics:
             raise UnknownName("dynamics", dynamics, self.dynamics)
@@ -140,7 +140,7 @@ class Task:
         """Return the robot with the model edits of a dynamics, and the effects of the dynamics.
 
         Raises:
-            UnknownName: the task has no such dynamics; lists those it has.
+            UnknownName: the task has no such dynamics; lists its dynamics.
         """
         effects = self.effects(dynamics)
         from nas_data.robots.base import ConsecutiveEdits, find_robot
@@ -155,7 +155,7 @@ def find_task_file(name: str) -> str:
     """Return the file of a task by its own name or by its environment's: `nas/ErgoReacher-v0` → `ergo_reacher`.
 
     Raises:
-        UnknownName: there is no such environment; lists those there are.
+        UnknownName: there is no such environment; lists the environments.
     """
     files = {make_environment_name(task): task for task in registry.list_names("envs")}
     wanted = files.get(name.removeprefix("nas/").removesuffix("-v0"), name)
@@ -168,6 +168,6 @@ def find_task(name: str) -> Task:
     """Return a task by its own name or by its environment's.
 
     Raises:
-        UnknownName: there is no such environment; lists those there are.
+        UnknownName: there is no such environment; lists the environments.
     """
     return registry.import_plugin("envs", find_task_file(name), "environment").TASK

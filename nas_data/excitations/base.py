@@ -66,7 +66,7 @@ class Excitation:
             period: Control period [s].
             low: Lowest command of each joint [rad or N·m], shape (n,).
             high: Highest command of each joint, shape (n,).
-            radians: Equivalent of a radian at each joint, shape (n,); see `joint_units.radians_at`.
+            radians: Equivalent of a radian at each joint, shape (n,); see `joint_units.compute_angle_scales`.
 
         Returns:
             Commands, shape (E, T, n), float64.

@@ -58,7 +58,7 @@ class Proposal:
 def compose(
     problem: Problem, found: GapFindings, naming: Naming, outcome: HeldOutResult, experiment: Proposal, seconds: float
 ) -> GapReport:
-    """Return the report without the files beside it.
+    """Return the report without its other files.
 
     Args:
         problem: Recording and model.

@@ -105,7 +105,7 @@ class EpisodeBatch:
         rows = [dataset.episode(index) for index in chosen]
         longest = max(part.stop - part.start for part in rows)
         driven, lengths = count_rows_with_torque(dataset)[chosen], dataset.lengths[chosen]
-        begun = find_start_velocities(dataset)
+        starts = find_start_velocities(dataset)
         rates = np.stack([pad_rows(dataset.next_states[part, n:], longest) for part in rows])
         return cls(
             joints=dataset.joints,
@@ -115,10 +115,10 @@ class EpisodeBatch:
             measured=np.stack([pad_rows(dataset.next_states[part, :n], longest) for part in rows]),
             mask=np.stack([np.arange(longest) < part.stop - part.start for part in rows]),
             numbers=np.array(chosen),
-            initial_velocities=begun.values[chosen],
-            velocity_deviations=begun.deviations[chosen],
-            measured_velocities=np.where(begun.derived, np.nan, rates),
-            noise=begun.noise,
+            initial_velocities=starts.values[chosen],
+            velocity_deviations=starts.deviations[chosen],
+            measured_velocities=np.where(starts.derived, np.nan, rates),
+            noise=starts.noise,
             gains=read_relative_gains(dataset)[chosen],
             torque_off_from=np.where(driven < lengths, driven, longest),
         )

@@ -210,6 +210,6 @@ def compute_confidence(search: Search, kept: Hypothesis, ranked: Sequence[Hypoth
 
 
 def compute_closeness(search: Search, kept: Hypothesis, rival: Hypothesis) -> float:
-    """Return how close a rival predicts: 1 as well in every joint, 0 much worse."""
+    """Return the closeness of a rival's prediction: 1 if as good in every joint, 0 if much worse."""
     lead = float(search.log_error_ratios(rival, kept).mean(0).min())
     return min(1.0, math.exp(SHARPNESS * lead))

@@ -25,7 +25,7 @@ TOLERANCE = 0.06  # standard deviation σ of a base parameter's logarithm
 MORE_FRICTION = 0.02  # σ for friction above the model's, which is an effect
 MAX_LOG_CHANGE = float(np.log(1.25))  # bound; a larger change is a missing effect
 FREE_DEVIATION = 2.0  # σ of a freed parameter; published gains of one servo differ by a factor of 6
-LARGEST_IMPEDANCE = 0.9999  # that MuJoCo takes
+LARGEST_IMPEDANCE = 0.9999  # the largest that MuJoCo accepts
 FIRM = ".solimpfriction"  # end of the name of a factor on the impedance of a joint's friction, which no fit changes
 FREE_LOG_CHANGE = float(np.log(1000.0))  # bound of a freed parameter
 

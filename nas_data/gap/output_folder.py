@@ -8,7 +8,7 @@ from nas_data.errors import OutputExists
 FILES = ("report.json", "report.html", "effects.json", "model.xml", "model.diff", "series.npz", "next_experiment.csv")
 FOLDERS = ("figures", "phi")
 ASSETS = "assets"  # files that `model.xml` needs; the folder may hold others
-MARKS = ("report.json", "effects.json")  # one of them exists as soon as a report is begun
+MARKS = ("report.json", "effects.json")  # one of them exists from the start of a report
 
 
 def check_output_folder(folder: Path, model: str | Path) -> None:

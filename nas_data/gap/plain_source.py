@@ -23,7 +23,7 @@ def fit_plain_source(
     Args:
         dataset: Transitions of at least two episodes.
         model: Robot's name or model file.
-        root: Folder of the dataset, for errors; None where it is in memory only.
+        root: Folder of the dataset, for errors; None if it is only in memory.
         say: Receives progress messages.
 
     Returns:

@@ -36,7 +36,7 @@ class Problem:
         overlaps: These contacts.
         names: Names of dataset and model in the report.
         model_file: Robot's name or model file.
-        root: Folder of the dataset; None where it is in memory only.
+        root: Folder of the dataset; None if it is only in memory.
     """
 
     dataset: Dataset
@@ -68,7 +68,7 @@ class Problem:
         Args:
             recorded: Transitions with 2n-states.
             model: Robot's name or model file.
-            root: Folder of the dataset, for names and errors; None where it is in memory only.
+            root: Folder of the dataset, for names and errors; None if it is only in memory.
 
         Raises:
             NasError: one of the two cannot be used; the message names it.

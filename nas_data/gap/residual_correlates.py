@@ -7,8 +7,8 @@ import numpy as np
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.joint_units import compute_angle_scales
 
-# [rad/s; of a slide times what stands for a radian there] above which a joint has a direction: a reading that flickers
-# by 0.3° in 40 ms is slower
+# [rad/s; for slides times the equivalent of a radian] above which a joint has a direction: a reading that flickers by
+# 0.3° in 40 ms is slower
 MOVING_SPEED = 0.25
 BINS = 24  # bins of the position
 

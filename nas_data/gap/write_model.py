@@ -46,7 +46,7 @@ def write_model(
         add_position_sensor(spec, joint)
     written = write_effects(
         folder, effects, factors, slides=nominal.slides
-    )  # first: it marks the folder as a report's, whoever is killed now
+    )  # first, because it marks the folder as a report's even if the process is killed now
     write_portable(spec, nominal.robot.mjcf, folder / MODEL)
     return folder / MODEL, written
 

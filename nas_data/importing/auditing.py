@@ -10,8 +10,8 @@ from nas_data.dataset.recording import Recording
 from nas_data.importing.map import LogQuantity, Map
 from nas_data.importing.reading import SUFFIXES
 
-SMALLEST_LIKELY = 3.5  # [°] a whole log within this many degrees of zero is in radians
-AT_REST = 0.02  # [°] in a log that spans less, nothing moves
+SMALLEST_LIKELY = 3.5  # [°] a log whose values are all smaller is in radians
+AT_REST = 0.02  # [°] a log that spans less contains no motion
 
 
 def audit(recording: Recording, mapping: Map) -> list[AuditFinding]:
@@ -29,7 +29,7 @@ def audit(recording: Recording, mapping: Map) -> list[AuditFinding]:
 
 
 def make_expected(mapping: Map) -> Expected:
-    """Return the expectations of a map for the audits."""
+    """Return the audits' expectations from a map."""
     kinds = mapping.command.conversion.kinds
     return Expected(
         rate=mapping.rate,
@@ -46,7 +46,7 @@ def make_expected(mapping: Map) -> Expected:
 
 
 def check_degrees(recording: Recording, mapping: Map) -> list[AuditFinding]:
-    """Return errors for quantities in degrees whose numbers are so small that they are likely radians."""
+    """Return errors for quantities in degrees whose values are so small that they are likely radians."""
     found = []
     for quantity, values in ((mapping.position, recording.positions), (mapping.command, recording.commands)):
         in_degrees = [unit == "deg" for unit in quantity.conversion.units]
@@ -67,7 +67,7 @@ def check_degrees(recording: Recording, mapping: Map) -> list[AuditFinding]:
 
 
 def _contradicts_small_commands(recording: Recording, command: LogQuantity) -> bool:
-    """Return whether small commands are implausible: all are positions, or a joint given in degrees moves further."""
+    """Return whether small commands are implausible: all are positions, or a joint in degrees moves further."""
     if set(command.conversion.kinds) == {"position"}:
         return True
     in_degrees = [unit == "deg" for unit in command.conversion.units]

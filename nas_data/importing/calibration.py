@@ -1,4 +1,4 @@
-"""LeRobot's units, and how to tell them: degrees, or −100 … 100 of the calibrated range.
+"""LeRobot's units, degrees or −100 … 100 of the calibrated range, and their detection.
 
 LeRobot's `MotorsBus._normalize` (0.4.4 and 0.6.1) converts ticks t with range_min and range_max of the calibration:
 
@@ -23,8 +23,8 @@ from nas_data.importing.conversion import NORMALISED
 from nas_data.importing.map import LogQuantity, Map, ServoTicks
 
 UNITS = ("deg", "range", "rad")
-RANGE = "range"  # of −100 … 100
-LARGEST = 100.0  # of that unit
+RANGE = "range"  # unit −100 … 100
+LARGEST = 100.0  # bound of that unit
 MIN_READINGS = 8  # distinct readings needed to find their step
 GRID_TOLERANCE = 0.03  # [ticks] tolerance of the grid; float32 resolves a thousandth of a tick
 CLIPPED = 3  # readings exactly at a value that make it an end of the range
@@ -86,9 +86,9 @@ def match_motors(mapping: Map, calibration: Mapping[str, Motor], path: Path) -> 
 
 
 def find_range_middles(mapping: Map, motors: Sequence[Motor]) -> dict[str, float]:
-    """Return the position of the middle of each joint's calibrated range in a map [rad; m]; it is LeRobot's zero.
+    """Return the map's position of the middle of each calibrated range, LeRobot's zero [rad; m].
 
-    Joints in 0 … 100 are left out. So are joints that were calibrated over a whole turn, whose zero is arbitrary.
+    Omitted are joints in 0 … 100, and joints calibrated over a whole turn, whose zero is arbitrary.
 
     Args:
         mapping: A map of LeRobot datasets.
@@ -102,7 +102,7 @@ def find_range_middles(mapping: Map, motors: Sequence[Motor]) -> dict[str, float
 
 
 def choose_unit(mapping: Map, raw: np.ndarray, motors: Sequence[Motor]) -> tuple[str, str]:
-    """Distinguish degrees from −100 … 100 by the readings of joints that the map has in degrees.
+    """Distinguish degrees from −100 … 100 by the readings of joints that are degrees in the map.
 
     Args:
         mapping: A map whose joints are in degrees.
@@ -156,7 +156,7 @@ def with_raw_unit(mapping: Map, unit: str, motors: Sequence[Motor]) -> Map:
     def converted(quantity: LogQuantity) -> LogQuantity:
         lines = zip(quantity.conversion.gain, quantity.conversion.bias, quantity.conversion.units, strict=True)
         changed = [
-            _line(line, unit, servo, motors[index] if motors else None) if kind == "position" else line
+            _convert_line(line, unit, servo, motors[index] if motors else None) if kind == "position" else line
             for index, (line, kind) in enumerate(zip(lines, quantity.conversion.kinds, strict=True))
         ]
         gain, bias, units = zip(*changed, strict=True)
@@ -165,13 +165,13 @@ def with_raw_unit(mapping: Map, unit: str, motors: Sequence[Motor]) -> Map:
     return replace(mapping, position=converted(mapping.position), command=converted(mapping.command))
 
 
-def _line(
+def _convert_line(
     line: tuple[float, float, str], unit: str, servo: ServoTicks, motor: Motor | None
 ) -> tuple[float, float, str]:
     """Return gain, bias and raw unit of one joint in another unit."""
     gain, bias, held = line
     turned = motor is not None and motor.turned and servo.drive_mode
-    if held == NORMALISED and turned:  # 100 − x is what lies in the direction of the servo
+    if held == NORMALISED and turned:  # 100 − x has the direction of the servo
         return -gain, bias + LARGEST * gain, held
     if held != "deg" or unit == "deg":
         return line

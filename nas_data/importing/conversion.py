@@ -24,11 +24,11 @@ FACTORS: Mapping[Kind, Mapping[str, float]] = {
     "signal": {},
 }  # fmt: skip
 FACTORS = {**FACTORS, "command": {unit: factor for kind in COMMANDS for unit, factor in FACTORS[kind].items()}}
-SI: Mapping[Kind, str] = {"position": "rad", "velocity": "rad/s", "effort": "N·m"}  # of hinges; slides see `unit_at`
+SI: Mapping[Kind, str] = {"position": "rad", "velocity": "rad/s", "effort": "N·m"}  # of hinges
 OF_SLIDES = {"m", "cm", "mm", "m/s", "cm/s", "mm/s", "N"}
 OF_EITHER = {"ticks", "A", "normalised"}  # the map defines them by `scale`, or by `low` and `high`
 NORMALISED = "normalised"
-SCALED = {"ticks", "A"}  # mean nothing without `scale`
+SCALED = {"ticks", "A"}  # undefined without `scale`
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "datetime": 1e-9}  # [s]
 
 KEYS = ("unit", "kind", "scale", "zero", "range", "low", "high", "sign", "offset")
@@ -61,7 +61,7 @@ class Conversion:
 
 
 def parse_conversion(section: MapSection, kind: Kind, joints: Sequence[str]) -> Conversion:
-    """Take the conversion keys from a quantity's table; its `joints` sub-tables override them.
+    """Read the conversion keys of a quantity's table; its `joints` sub-tables override them.
 
     Raises:
         MapError: a unit or joint is unknown, a key is missing, or a list has a wrong length.
@@ -73,7 +73,7 @@ def parse_conversion(section: MapSection, kind: Kind, joints: Sequence[str]) -> 
         override = overrides.table(joint)
         kept = {key: value for key, value in values.items() if not (override.has("unit") and key in UNIT_KEYS)}
         own = f"{section.name}.joints.{joint}"
-        # A missing key is missing beside the unit that needs it.
+        # A missing key is reported in the table that has the unit.
         inherited = dict.fromkeys(kept, section.name) | dict.fromkeys(override.values, own)
         one = MapSection(
             {**kept, **override.values}, section.file, own if override.has("unit") else section.name, inherited
@@ -154,7 +154,7 @@ def _read_range(section: MapSection, kind: Kind) -> tuple[float, float]:
 
 
 def check_encoding(section: MapSection) -> str:
-    """Take the key `encoding`: sign encoding of a raw register; empty for plain numbers."""
+    """Read the key `encoding`: sign encoding of a raw register; empty for plain numbers."""
     encoding = section.text("encoding", "")
     if encoding and not re.fullmatch(r"int(8|16|32)|sign_magnitude_([1-9]|[12]\d|30)", encoding):
         raise section.error(

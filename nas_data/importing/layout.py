@@ -16,14 +16,14 @@ class LogLayout:
 
     Attributes:
         format: File format, a file of `importing/formats/`.
-        pattern: Which files of a folder are logs.
-        files: File name of each table where a log is a folder of several files; empty where a log is one file.
+        pattern: File name pattern of the logs in a folder.
+        files: File name of each table if a log is a folder of several files; empty if a log is one file.
         join: How rows of several tables are joined on time: with the nearest row, or with the previous one.
         tolerance: Largest difference of two joined times [s].
-        topics: Topic of each table where a log is a bag of messages; empty elsewhere.
+        topics: Topic of each table if a log is a bag of messages; else empty.
         entries: JSON key that holds a list of rows; empty if a file holds one list per column.
         delimiter: Separator of the cells of a CSV file.
-        decimal: What stands before the decimals of its numbers, a point or a comma.
+        decimal: Its decimal separator, a point or a comma.
     """
 
     format: str
@@ -38,12 +38,12 @@ class LogLayout:
 
     @property
     def tables(self) -> tuple[str, Mapping[str, str]]:
-        """The map's key for where a quantity comes from, and its choices; none where a log is one file."""
+        """The map's key that selects a quantity's table, and its choices; empty if a log is one file."""
         return ("topic", self.topics) if self.topics else ("file", self.files or {})
 
 
 def parse_layout(top: MapSection, formats: tuple[str, ...]) -> LogLayout:
-    """Take the keys of a log's layout.
+    """Read the keys of a log's layout.
 
     Raises:
         MapError: a key is missing, unknown or out of its range.

@@ -151,11 +151,7 @@ def map_text(path: Path, unit: str | None, model: str | None) -> str:
 
 
 def _find_gripper_range(path: Path, joint: str, model: str | None) -> tuple[float, float]:
-    """Return the range of a gripper in a model [rad; m].
-
-    Raises:
-        OptionError: there is no model, or it has no such joint or no range.
-    """
+    """Return the range of a gripper in a model [rad; m]; raise OptionError without a model, joint or range."""
     if model is None:
         raise OptionError(
             f"{path} has a joint '{joint}', which LeRobot gives as 0 … 100 of its range: add --model MODEL.xml, whose "
@@ -175,7 +171,7 @@ def import_dataset(path: Path, options: ImportOptions) -> tuple[Dataset, Provena
     """Read a dataset in SI units as transitions; episodes are divided at gaps in its clock.
 
     Args:
-        path: Its folder.
+        path: Folder of the dataset.
         options: Options on rate and clock.
 
     Raises:
@@ -219,11 +215,7 @@ def import_dataset(path: Path, options: ImportOptions) -> tuple[Dataset, Provena
 
 
 def _refuse_own(root: Path) -> None:
-    """Refuse datasets that nas recorded or imported.
-
-    Raises:
-        OptionError: the dataset can be used directly.
-    """
+    """Raise OptionError for datasets that nas recorded or imported, which can be used directly."""
     if is_ours(read_provenance(root)):
         raise OptionError(f"{root} is a dataset of nas already; use it as it is (nas info, nas pair, nas gap).")
 

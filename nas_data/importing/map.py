@@ -1,4 +1,4 @@
-"""The map: source and meaning of each quantity in a log."""
+"""The map: source, unit and meaning of each quantity in a log."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,15 +13,15 @@ ALIGNMENTS = ("action_follows_state", "state_follows_action")
 
 @dataclass(frozen=True)
 class LogColumns:
-    """Source of a quantity in a log.
+    """Columns of a quantity in a log.
 
     Attributes:
         columns: One column (array, key) with a vector, or one column per joint.
-        table: The log's file or topic, by its key in `[files]` or `[topics]`; empty if a log is one file.
-        components: Which components of a vector column, in joint order; empty for all.
+        table: File or topic, by its key in `[files]` or `[topics]`; empty if a log is one file.
+        components: Components of a vector column, in joint order; empty for all.
         constant: Whether the log holds the values once instead of in every row.
         names: Names of the components in the log, in joint order; empty if they are the joint names.
-        tables: The file or topic of each joint, where each has its own; else empty.
+        tables: File or topic of each joint, if each has its own; else empty.
     """
 
     columns: tuple[str, ...]
@@ -33,7 +33,7 @@ class LogColumns:
 
     @property
     def parts(self) -> "tuple[LogColumns, ...]":
-        """The source of each joint where each has a table of its own; else the source itself."""
+        """The columns of each joint if each has a table of its own; else the columns themselves."""
         if not self.tables:
             return (self,)
         return tuple(LogColumns((column,), table) for column, table in zip(self.columns, self.tables, strict=True))
@@ -63,9 +63,9 @@ class TimeColumn:
     """Column and unit of the time.
 
     Attributes:
-        column: Name of the column; empty if the log has no time and its rows are one period apart.
+        column: Name of the column; empty if the log has no time and its rows are evenly spaced.
         unit: A key of `conversion.TIME_UNITS`.
-        columns: Columns of tables with another name for it.
+        columns: Column names of tables that use another name.
     """
 
     column: str
@@ -116,21 +116,21 @@ class Resample:
 
 @dataclass(frozen=True)
 class Map:
-    """Everything that turns a log into episodes.
+    """Complete description of the conversion of a log into episodes.
 
     Attributes:
-        name: Map's name, for reports.
+        name: Name of the map, for reports.
         text: Content of the map file; it is stored with the dataset.
         layout: Layout of a log on disk.
         robot: Robot's name.
         joints: Joint names in the order of the log's vectors.
         rate: Control rate of the log [Hz]; 0 if each log gives its own.
-        alignment: `action_follows_state`: a row's command acts after its state was measured;
-            `state_follows_action`: a row's state is the answer to its command.
+        alignment: `action_follows_state`: a row's command acts after its state was measured; `state_follows_action`: a
+            row's state is the response to its command.
         derive_velocity: Whether velocities are derived from positions rather than read.
         clock: Source of the time.
         position: Measured positions [rad].
-        velocity: Measured velocities [rad/s]; None where the log has none.
+        velocity: Measured velocities [rad/s]; None if the log has none.
         command: Commanded positions [rad], velocities [rad/s] or torques [N·m].
         signals: Other quantities, stored as `nas.<name>`.
         episode: Column with the episode of each row; None if a log is one episode.
@@ -142,7 +142,7 @@ class Map:
         task: Task of an episode; `{log}` and the constants are filled in.
         joint_names: Array of the log that holds its joint names, once or in every row; may be empty.
         servo: Servo properties behind LeRobot's units; None if the map gives none.
-        remedies: What puts findings of the audits right where this is no map file; None for the map's keys.
+        remedies: Remedies for findings of the audits if this is no map file; None for the map's keys.
     """
 
     name: str

@@ -40,11 +40,11 @@ ALLOWABLE = ("command_scale", "rate", "unit_slip", "velocity_scale")
 
 
 def load_map(name_or_path: str | Path) -> Map:
-    """Read a map by its path, or a shipped one by its name.
+    """Read a map by its path, or an included one by its name.
 
     Raises:
         MapError: the file is missing or no TOML, or a key is missing, unknown or of the wrong type.
-        UnknownName: the name is neither a file nor a shipped map.
+        UnknownName: the name is neither a file nor an included map.
     """
     path = Path(name_or_path)
     shipped = {file.stem: file for file in list_visible_files(MAPS, "*.toml")}
@@ -111,7 +111,7 @@ def parse_map(top: MapSection, name: str, text: str) -> Map:
 
 
 def _find_slides(top: MapSection, parsed: Map) -> frozenset[str]:
-    """Find out which joints are slides: those in a unit of length, and those that `slides` names."""
+    """Return the slides: joints in a unit of length, and those that `slides` names."""
     named = top.texts("slides", ())
     unknown = [joint for joint in named if joint not in parsed.joints]
     if unknown:
@@ -134,10 +134,10 @@ def _find_slides(top: MapSection, parsed: Map) -> frozenset[str]:
 
 
 def _explain_kind(joint: str, unit: str, named: bool) -> tuple[str, str]:
-    """Return why a joint is taken for a slide or a hinge, and what makes it the other.
+    """Return the reason why a joint counts as a slide or hinge, and how to change that.
 
     Args:
-        joint: Its name.
+        joint: Name of the joint.
         unit: Unit of its positions in the map.
         named: Whether `slides` names it.
     """
@@ -152,7 +152,7 @@ def _explain_kind(joint: str, unit: str, named: bool) -> tuple[str, str]:
 
 
 class _Quantities:
-    """Reads the tables of quantities that share joints and layout."""
+    """Reads quantities with common joints and layout."""
 
     def __init__(self, joints: Sequence[str], layout: LogLayout) -> None:
         self.joints = joints
@@ -178,7 +178,7 @@ class _Quantities:
 
 
 def _parse_source(section: MapSection, layout: LogLayout, width: int, may_be_constant: bool) -> LogColumns:
-    """Read where a quantity comes from: its file, and `column`, `columns` or (signals only) `constant`."""
+    """Read the location of a quantity: its file, and `column`, `columns` or (signals only) `constant`."""
     keys = ["column", "columns", "constant"] if may_be_constant else ["column", "columns"]
     standard = {"position": "observation.state", "command": "action"}.get(section.name.rpartition(".")[2])
     if layout.format == "lerobot" and standard and not any(section.has(key) for key in keys):
@@ -192,7 +192,7 @@ def _parse_source(section: MapSection, layout: LogLayout, width: int, may_be_con
     tables = _parse_tables_of_joints(section, layout, width)
     if tables and given != ["constant"]:
         return LogColumns(columns * (width // len(columns)), tables[0], tables=tables)
-    # A signal may belong to several joints, a state or command to one.
+    # A signal may share a component between joints, a state or command may not.
     if not may_be_constant:
         _refuse_twice(section, "columns", columns)
     components = section.integers("components") if section.has("components") else ()
@@ -222,14 +222,14 @@ def _parse_servo(section: MapSection) -> ServoTicks:
 
 
 def _refuse_twice(section: MapSection, key: str, chosen: Sequence[str | int]) -> None:
-    """Refuse a column or component that is named for two joints."""
+    """Refuse a column or component that is used for two joints."""
     twice = [one for one in chosen if chosen.count(one) > 1]
     if twice:
         raise section.error(f"'{key}' names {twice[0]!r} twice; each joint has its own.")
 
 
 def _parse_tables_of_joints(section: MapSection, layout: LogLayout, width: int) -> tuple[str, ...]:
-    """Read the keys of the files or topics of which each holds one joint; empty where one key is given."""
+    """Read the keys of files or topics that hold one joint each; empty for a single key."""
     key, tables = layout.tables
     if not isinstance(section.values.get(key), list):
         return ()
@@ -252,7 +252,7 @@ def _parse_table_name(section: MapSection, layout: LogLayout) -> str:
 
 
 def _parse_episode(read: MapSection, layout: LogLayout) -> LogColumns | None:
-    """Read the episode column; a dataset always has one."""
+    """Read the episode column; every dataset has one."""
     if not read.has("episode"):
         return LogColumns(("episode_index",)) if layout.format == "lerobot" else None
     section = read.table("episode")
@@ -316,7 +316,7 @@ def _parse_resample(section: MapSection) -> Resample:
 
 
 def _parse_task(top: MapSection, constants: Sequence[str], default: str) -> str:
-    """Read the task template; braces may hold `log` and the constants only."""
+    """Read the task template; braces may only hold `log` and the constants."""
     task = top.text("task", default)
     try:
         fields = [

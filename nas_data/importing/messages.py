@@ -15,12 +15,12 @@ STAMPS = ({"sec", "nanosec"}, {"sec", "nsec"}, {"secs", "nsecs"})  # fields of a
 
 
 def to_tables(path: Path, topics: dict[str, str], messages: Iterable[tuple[str, int, object]]) -> dict[str, LogTable]:
-    """Return one table for each given topic.
+    """Return one table per topic.
 
     Args:
         path: The bag.
         topics: Table → topic.
-        messages: Topic, time of receipt [ns] and content of each message, in the order of that time.
+        messages: Topic, time of receipt [ns] and content of each message, in order of receipt.
 
     Raises:
         LogError: a topic has no messages, or messages of several types.

@@ -18,7 +18,7 @@ ROS_NAMES = ("name", "joint_names")  # fields of JointState; of JointTrajectory 
 def arrange(table: LogTable, mapping: Map, key: str, required: bool) -> LogTable:
     """Compare a table's joint names with the map, or reorder its vectors if each row has names.
 
-    Rows that name none of the map's joints come from another publisher and are left out.
+    Rows without any of the map's joints come from another publisher and are dropped.
 
     Args:
         table: One file, or one topic.
@@ -47,18 +47,18 @@ def arrange(table: LogTable, mapping: Map, key: str, required: bool) -> LogTable
 
 
 def find_names_column(table: LogTable, mapping: Map) -> str | None:
-    """Return the column of a table's joint names: the map's, or that of its type of message; None if it has none."""
+    """Return the column of a table's joint names, from the map or the message type; None if there is none."""
     known = (mapping.joint_names, *ROS_NAMES) if mapping.layout.topics else (mapping.joint_names,)
     return next((name for name in known if name in table.columns and _may_name_joints(table, mapping, name)), None)
 
 
 def _may_name_joints(table: LogTable, mapping: Map, name: str) -> bool:
-    """Whether a column is the map's, or holds a list in each row; a text of that name is something else."""
+    """Whether a column can hold joint names: the map's column, or a list per row; a single text is no joint name."""
     return name == mapping.joint_names or isinstance(_read_names(table.column(name)), list)
 
 
 def _refuse_other_order(table: LogTable, mapping: Map, key: str, column: str) -> None:
-    """Refuse messages that name the map's joints in another order, if the map neither reads names nor picks."""
+    """Refuse messages with the joints in another order, if the map neither reads names nor selects components."""
     read = [mapping.position, mapping.velocity, mapping.command, *mapping.signals.values()]
     here = [quantity.source for quantity in read if quantity and quantity.source.table == key]
     rows, picked = _read_names(table.column(column)), bool(here) and all(source.components for source in here)
@@ -71,7 +71,7 @@ def _refuse_other_order(table: LogTable, mapping: Map, key: str, column: str) ->
 
 
 def _read_names(column: object) -> tuple[str, ...] | list[tuple[str, ...]]:
-    """Return the names of the whole table, or those of each row."""
+    """Return the joint names of the whole table, or of each row."""
     plain = column.to_pylist() if isinstance(column, pa.Array | pa.ChunkedArray) else column
     listed: list[object] = plain.tolist() if isinstance(plain, np.ndarray) else list(cast(Iterable[object], plain))
     if any(isinstance(value, list | tuple) for value in listed):
@@ -81,7 +81,7 @@ def _read_names(column: object) -> tuple[str, ...] | list[tuple[str, ...]]:
 
 
 def to_text(name: object) -> str:
-    """Return a name as text; h5py and NumPy give bytes."""
+    """Return a name as text; h5py and NumPy return bytes."""
     return name.decode(errors="replace") if isinstance(name, bytes) else str(name)
 
 

@@ -1,4 +1,4 @@
-"""Reading of a log by its map: files to tables, joined on time, tables to SI quantities, quantities to recordings."""
+"""Reading of a log by its map: files become tables, joined on time; tables become SI quantities and recordings."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,7 +20,7 @@ from nas_data.importing.naming import arrange, find_names_column
 from nas_data.importing.table import LogTable
 
 MIN_ROWS = 3  # least number of rows, for two transitions
-LONGEST_WAY = 0.5  # [s] that a message may take to arrive; a larger difference is one of clocks
+LONGEST_WAY = 0.5  # [s] longest transport delay of a message; a larger difference is one of clocks
 SUFFIXES = {"position": POSITION, "velocity": VELOCITY, "effort": EFFORT}  # suffixes of component names
 
 
@@ -93,13 +93,13 @@ def divide_at_gaps(recording: Recording, rate: float) -> list[Recording]:
 
     Args:
         recording: Episode as recorded.
-        rate: The map's rate [Hz]; the median step counts if rows come more slowly.
+        rate: Rate in the map [Hz]; the median step is used if rows are slower.
 
     Returns:
         Parts between the gaps, as episodes numbered from 1; the recording itself if there is no gap.
     """
     steps = np.diff(recording.time)
-    # Time that goes back or stands still also looks like a gap; the timing audit refuses it.
+    # Decreasing or repeated times also look like gaps; the timing audit refuses them.
     if not (steps >= 0).all() or not steps.any():
         return [recording]
     period = max(1 / rate, float(np.median(steps[steps > 0])))
@@ -140,7 +140,7 @@ def _read_tables(log: Path, mapping: Map) -> dict[str, LogTable]:
 
 
 def _restrict(mapping: Map, table: str) -> Map:
-    """Return the map of the one joint that a table holds, where each joint has a table of its own; else the map."""
+    """Return the map of the single joint in a table if each joint has a table of its own; else the map."""
     read = [mapping.position, mapping.velocity, mapping.command, *mapping.signals.values()]
     tables = next((one.source.tables for one in read if one and table in one.source.tables), None)
     return replace(mapping, joints=(mapping.joints[tables.index(table)],)) if tables else mapping
@@ -163,11 +163,7 @@ def _read_times(tables: dict[str, LogTable], mapping: Map) -> dict[str, np.ndarr
 
 
 def _refuse_other_clocks(tables: dict[str, LogTable], ticks: dict[str, np.ndarray], mapping: Map) -> None:
-    """Refuse topics whose times are of clocks that differ by more than any message takes to arrive.
-
-    Raises:
-        LogError: names the topic and the difference; the time of receipt has one clock.
-    """
+    """Raise LogError for topics whose times differ by more than any transport delay: their clocks differ."""
     if mapping.clock.unit != "ns" or not all(RECEIVED in table.columns for table in tables.values()):
         return
     reference = mapping.position.source.table
@@ -184,7 +180,7 @@ def _refuse_other_clocks(tables: dict[str, LogTable], ticks: dict[str, np.ndarra
 
 
 def _join(time: np.ndarray, given: np.ndarray, table: LogTable, mapping: Map, method: str) -> np.ndarray:
-    """Find the matching row of a table for each row of the log; the table's times must ascend."""
+    """Return for each row of the log the matching row of a table, whose times must ascend."""
     if not len(given):
         raise LogError(f"{table.path} holds no rows; give a log with recorded rows.")
     bad = np.flatnonzero(~(np.diff(given) >= 0)) + 1
@@ -196,7 +192,7 @@ def _join(time: np.ndarray, given: np.ndarray, table: LogTable, mapping: Map, me
 
 
 def _choose_join(mapping: Map, table: str) -> str:
-    """Return how a table is joined: positions of the other joints are the nearest in time, all else as the map says."""
+    """Return the join method of a table: nearest for positions of other joints, else the map's."""
     return "nearest" if table in mapping.position.source.tables else mapping.layout.join
 
 
@@ -210,14 +206,14 @@ def _select_column(mapping: Map, table: str) -> str:
 def _read_raw(
     table: LogTable, quantity: LogQuantity, source: LogColumns, joints: Sequence[str], count: int
 ) -> np.ndarray:
-    """Read a quantity, or the part of it that a table holds, as it stands in the log, shape (N, n).
+    """Read the raw values of a quantity, or of its part in a table, shape (N, n).
 
     Args:
         table: The file or topic.
         quantity: The whole quantity.
-        source: It, or one of its parts, which then is of one joint.
+        source: Its columns, or those of one joint.
         joints: The map's joints.
-        count: How many times the table has (N).
+        count: Number of times in the table, N.
     """
     width = 1 if quantity.source.tables else len(quantity.conversion.gain)
     if width == len(joints):
@@ -279,7 +275,7 @@ def _read_source(table: LogTable, source: LogColumns, width: int, count: int) ->
             )
         return raw[:, list(source.components)]
     if raw.shape == (width, count) != (count, width):
-        return raw.T  # a row a joint, as MATLAB and some simulators have it
+        return raw.T  # one row per joint, as in MATLAB and some simulators
     if raw.shape[1] != width:
         raise LogError(
             f"{table.path}: '{source.columns[0]}' has {count_of(raw.shape[1], 'number')} a row, but the map has "
@@ -302,7 +298,7 @@ def _check_register(table: LogTable, encoding: str, source: LogColumns, raw: np.
 
 
 def _read_constant(tables: dict[str, LogTable], name: str, mapping: Map, rows: np.ndarray) -> object:
-    """Return a constant of the log or episode, from the file that has it."""
+    """Return a constant of the log or episode, from the file that contains it."""
     for key, table in tables.items():
         if name in table.constants or name in table.columns:
             return table.constant(name, rows if key == mapping.position.source.table else slice(None))
@@ -357,7 +353,7 @@ def find_common_rows(matches: dict[Path, np.ndarray], log: Path, table: LogTable
     Args:
         matches: For each other file, its matching row for each row of the log, -1 for none.
         log: The log, for the error message.
-        table: The table with the positions, likewise.
+        table: The table with the positions, for the error message.
         tolerance: Largest difference of joined times [s], for the error message.
 
     Raises:

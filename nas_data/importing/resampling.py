@@ -12,7 +12,7 @@ def resample(recording: Recording, how: Resample) -> Recording:
     """Resample a recording to even time steps.
 
     Args:
-        recording: Aligned recording; among rows with equal time the last one counts.
+        recording: Aligned recording; of rows with equal time, the last is used.
         how: Rate [Hz] and method.
 
     Returns:

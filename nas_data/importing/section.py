@@ -1,4 +1,4 @@
-"""Strict reading of one table of a TOML file: keys are typed, and unknown keys are errors."""
+"""Strict reader of one table of a TOML file: keys are typed, and unknown keys are errors."""
 
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
@@ -8,13 +8,13 @@ from nas_data.errors import MapError
 
 
 class MapSection:
-    """One table of a map file. Readers take keys out; `finish` refuses the remaining ones.
+    """One table of a map file. Read keys are removed; `finish` refuses the remaining ones.
 
     Args:
         values: The table's content.
-        file: File it comes from, as named in errors.
+        file: Name of its file in errors.
         name: Table's name, for example `read.position`; empty for the top of the file.
-        inherited: Name of the table in which a key stands, for keys of other tables.
+        inherited: Table of each key that comes from another table.
     """
 
     def __init__(
@@ -28,13 +28,13 @@ class MapSection:
         self._known: set[str] = set()
 
     def error(self, sentence: str, key: str = "") -> MapError:
-        """Return an error that names the file and the table: the one in which a key stands, if one is given."""
+        """Return an error that names the file and the table, or that of a key."""
         name = self._inherited.get(key, self.name)
         place = f"{self.file}, [{name}]" if name else self.file
         return MapError(f"{place}: {sentence}")
 
     def has(self, key: str) -> bool:
-        """Return whether the key is given; it then counts as known."""
+        """Return whether the key exists, and mark it as known."""
         self._known.add(key)
         return key in self.values
 
@@ -44,7 +44,7 @@ class MapSection:
             raise self.error(f"there is no key '{key}' here: it belongs to {owner}.", key)
 
     def text(self, key: str, default: str | None = None, choices: Sequence[str] = ()) -> str:
-        """Take a string."""
+        """Read a string."""
         value = self._take(key, default)
         if not isinstance(value, str):
             raise self.error(f"'{key}' is {value!r}; it must be a text in quotes.", key)
@@ -53,35 +53,35 @@ class MapSection:
         return value
 
     def number(self, key: str, default: float | None = None) -> float:
-        """Take a finite number."""
+        """Read a finite number."""
         value = self._take(key, default)
         if not _is_number(value):
             raise self.error(f"'{key}' is {value!r}; it must be a number.", key)
         return float(str(value))
 
     def positive(self, key: str, default: float | None = None) -> float:
-        """Take a number above zero."""
+        """Read a positive number."""
         value = self.number(key, default)
         if value <= 0:
             raise self.error(f"'{key}' is {value:g}; it must be above 0.", key)
         return value
 
     def flag(self, key: str, default: bool = False) -> bool:
-        """Take true or false."""
+        """Read a boolean."""
         value = self._take(key, default)
         if not isinstance(value, bool):
             raise self.error(f"'{key}' is {value!r}; it must be true or false.", key)
         return value
 
     def texts(self, key: str, default: tuple[str, ...] | None = None) -> tuple[str, ...]:
-        """Take a list of strings."""
+        """Read a list of strings."""
         value = self._take(key, default)
         if not isinstance(value, list | tuple) or not all(isinstance(item, str) for item in value):
             raise self.error(f"'{key}' is {value!r}; it must be a list of texts in quotes.", key)
         return tuple(value)
 
     def numbers(self, key: str, count: int, default: float | None = None) -> tuple[float, ...]:
-        """Take one number for all, or a list of exactly `count` numbers."""
+        """Read one number for all, or a list of exactly `count` numbers."""
         value = self._take(key, default)
         if _is_number(value):
             return (float(str(value)),) * count
@@ -92,14 +92,14 @@ class MapSection:
         return tuple(float(item) for item in value)
 
     def integers(self, key: str) -> tuple[int, ...]:
-        """Take a list of whole numbers from 0 on."""
+        """Read a list of non-negative integers."""
         value = self._take(key, None)
         if not isinstance(value, list) or not all(type(item) is int and item >= 0 for item in value):
             raise self.error(f"'{key}' is {value!r}; it must be a list of whole numbers from 0 on.", key)
         return tuple(value)
 
     def table(self, key: str) -> "MapSection":
-        """Take a sub-table; empty if it is missing."""
+        """Read a sub-table; empty if it is missing."""
         value = self._take(key, {})
         name = f"{self.name}.{key}" if self.name else key
         if not isinstance(value, Mapping):
@@ -107,7 +107,7 @@ class MapSection:
         return MapSection(value, self.file, name)
 
     def tables(self) -> dict[str, "MapSection"]:
-        """Take all remaining keys as sub-tables."""
+        """Read all remaining keys as sub-tables."""
         return {key: self.table(key) for key in self.values if key not in self._taken}
 
     def finish(self) -> None:
@@ -135,5 +135,5 @@ class MapSection:
 
 
 def _is_number(value: object) -> bool:
-    """Return whether TOML gave a finite number; true and false are none."""
+    """Return whether a TOML value is a finite number; booleans are not."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < float("inf")

@@ -1,4 +1,4 @@
-"""One file of a log as named columns, which are converted to numbers on demand."""
+"""One file of a log as named columns, converted to numbers on demand."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ from nas_data.dataset.rows import TextLines, format_rows
 from nas_data.errors import LogError, MapError
 
 Column: TypeAlias = pa.Array | pa.ChunkedArray | np.ndarray
-NO_DECIMAL = "'"  # what a point becomes where the decimal is a comma: no number holds it
+NO_DECIMAL = "'"  # replaces points if the decimal separator is a comma, so that such cells are not read as numbers
 
 
 @dataclass(frozen=True)
@@ -25,12 +25,12 @@ class LogTable:
     Attributes:
         path: The file.
         columns: Columns by name, as stored.
-        constants: Values that the file holds once.
+        constants: Values that occur once in the file.
         unreadable: Reason and remedy for each unreadable column, by name.
         names: Component names of columns, if the format has them.
         lines: Lines of a text file by row of the file; None for other formats.
-        decimal: What stands before the decimals of numbers in text cells; JSON lists always have a point.
-        rows: Row of the file of each row, shape (N,); None where none was left out.
+        decimal: Decimal separator of text cells; JSON lists always use a point.
+        rows: Row number in the file of each row, shape (N,); None if no row was dropped.
     """
 
     path: Path
@@ -43,7 +43,7 @@ class LogTable:
     rows: np.ndarray | None = None
 
     def name_rows(self, rows: Sequence[int] | np.ndarray) -> str:
-        """Return rows of the table as words for messages: as rows, and lines, of the file."""
+        """Describe rows of the table in words, by row numbers and lines of the file."""
         return format_rows(rows if self.rows is None else self.rows[np.asarray(rows)], self.lines)
 
     def column(self, name: str) -> Column:
@@ -142,7 +142,7 @@ class LogTable:
         if pa.types.is_string(column.type):
             kinds = [pa.timestamp("ns"), pa.timestamp("ns", "UTC")] if unit == "datetime" else [pa.int64()]
             column = pc.utf8_trim_whitespace(column)
-            column = pc.replace_substring(column, ",", ".") if unit == "datetime" else column  # both are ISO 8601
+            column = pc.replace_substring(column, ",", ".") if unit == "datetime" else column  # ISO 8601 allows both
             for kind in kinds:
                 try:
                     return None if column.null_count else _convert_to_numpy(column.cast(kind).cast(pa.int64()))
@@ -154,7 +154,7 @@ class LogTable:
         if is_date:
             fine = pa.duration("ns") if is_duration else pa.timestamp("ns", getattr(column.type, "tz", None))
             column = column.cast(fine).cast(pa.int64())
-        # Signed, so that a time that goes back becomes a negative step rather than a huge one.
+        # signed, so that a decreasing time becomes a negative step and not a huge one
         return (
             _convert_to_numpy(column.cast(pa.int64()))
             if pa.types.is_integer(column.type) and not column.null_count
@@ -202,7 +202,7 @@ class LogTable:
             ) from None
 
     def _with_point(self, column: pa.Array) -> pa.Array:
-        """Return text cells without space around and with a point before decimals; one between thousands is none."""
+        """Return stripped text cells with a decimal point; points that separate thousands are invalid."""
         column = pc.utf8_trim_whitespace(column)
         if self.decimal == ".":
             return column
@@ -246,7 +246,7 @@ class LogTable:
 
 
 def refuse_twice(path: Path, names: Sequence[str]) -> None:
-    """Refuse a header that names a column twice.
+    """Refuse duplicate column names in a header.
 
     Raises:
         LogError: names the column and its positions.
@@ -258,7 +258,7 @@ def refuse_twice(path: Path, names: Sequence[str]) -> None:
 
 
 def number_or_text(value: object, decimal: str = ".") -> object:
-    """Convert text to a number if it is one: CSV cells and Parquet metadata are text."""
+    """Convert text to a number if possible: CSV cells and Parquet metadata are text."""
     if not isinstance(value, str):
         return value
     text = value if decimal == "." else value.replace(".", NO_DECIMAL).replace(decimal, ".")
@@ -268,18 +268,14 @@ def number_or_text(value: object, decimal: str = ".") -> object:
 
 
 def _convert_to_numpy(column: pa.Array | pa.ChunkedArray) -> np.ndarray:
-    """Return an Arrow column as a NumPy array; nulls become NaN."""
+    """Return an Arrow column as an array (N,); nulls become NaN."""
     if isinstance(column, pa.ChunkedArray):
         return column.to_numpy()
     return column.to_numpy(zero_copy_only=False)
 
 
 def _make_matrix(rows: list[list[float]]) -> np.ndarray:
-    """Return equal lists of numbers as an array.
-
-    Raises:
-        ValueError: the lists differ in length, or contain other values than numbers.
-    """
+    """Return lists of numbers as an array (N, k); raise ValueError for unequal lengths or other values."""
     matrix = np.array(rows, dtype=np.float64)
     if matrix.ndim != 2:
         raise ValueError("no list of numbers in every row")
@@ -291,7 +287,7 @@ def _is_number(cell: str) -> bool:
         float(cell)
     except ValueError:
         return False
-    return "_" not in cell  # Python's own way of grouping digits
+    return "_" not in cell  # Python's digit grouping
 
 
 def _list_of(cell: str) -> list[float]:

@@ -1,4 +1,4 @@
-"""Whole turns at which an encoder begins anew, taken out of a recording."""
+"""Unwrapping of encoders that jump after a whole turn."""
 
 from collections.abc import Collection
 from dataclasses import replace
@@ -10,13 +10,13 @@ from nas_data.dataset.recording import Recording
 
 
 def unwrap(recording: Recording, hinges: Collection[str], commanded: Collection[str]) -> Recording:
-    """Return a recording whose joints go on where their encoders begin anew after a whole turn.
+    """Return a recording with unwrapped joint positions.
 
     Args:
         recording: One episode.
-        hinges: Names of the joints that turn; the others are left as they are.
-        commanded: Names of those that are commanded positions. Their commands are put within half a turn of the
-            positions, in joints that turn over.
+        hinges: Names of the hinges; other joints are not changed.
+        commanded: Names of hinges with position commands. If such a joint is unwrapped, its commands are moved to
+            within half a turn of the positions.
     """
     positions, commands = recording.positions.copy(), recording.commands.copy()
     for index, joint in enumerate(recording.joints):

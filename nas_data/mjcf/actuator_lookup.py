@@ -38,7 +38,7 @@ def find_driven_joint(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> str 
 
 
 def describe_transmission(model: mujoco.MjModel, actuator: int) -> str | None:
-    """Return what an actuator of a compiled model acts through, as a phrase; None where it acts on a joint."""
+    """Return a phrase for an actuator's transmission in a compiled model; None if it acts on a joint."""
     word, kind = THROUGH.get(mujoco.mjtTrn(model.actuator_trntype[actuator]), ("", None))
     if kind is None:
         return None
@@ -47,7 +47,7 @@ def describe_transmission(model: mujoco.MjModel, actuator: int) -> str | None:
 
 
 def list_indirect_actuators(spec: mujoco.MjSpec) -> list[str]:
-    """Return a phrase for each actuator with a control that acts through something else than a joint."""
+    """Return a phrase for each actuator with control that does not act on a joint directly."""
     found = []
     for actuator in spec.actuators:
         known = actuator.ctrlspec == int(mujoco.mjtCtrlInput.mjINPUT_NONE) or find_driven_joint(spec, actuator)

@@ -1,4 +1,4 @@
-"""Fixation of a floating base: its pose is not measured, so that it is fixed where the model has it."""
+"""Fixation of floating bases, whose poses are not measured, at their poses in the model."""
 
 import mujoco
 import numpy as np

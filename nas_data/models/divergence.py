@@ -9,7 +9,7 @@ BOUND = 1e6  # [rad or rad/s] a larger state means divergence; float32 resolves 
 
 
 def is_out_of_bounds(states: np.ndarray) -> np.ndarray:
-    """Return whether states (…, 2n) are not finite or exceed `BOUND`, shape (…)."""
+    """Return a mask of the states (…, 2n) that are not finite or exceed `BOUND`, shape (…)."""
     return ~(np.abs(states) < BOUND).all(axis=-1)
 
 

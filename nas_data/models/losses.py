@@ -1,4 +1,4 @@
-"""Losses of the two ways of training: teacher forcing on measured states, and free running on the model's own."""
+"""Losses of the two training modes: teacher forcing on measured states, and free running on the model's own."""
 
 from collections.abc import Collection, Sequence
 from typing import NamedTuple, Protocol
@@ -27,7 +27,7 @@ POSITION_SCALE = 0.1  # unit of position errors over their standard deviation; e
 
 
 class Phase(Protocol):
-    """A sequence of updates; random draws depend on the number of the update only, so that training can resume."""
+    """A sequence of updates; random draws depend only on the update's number, so that training can resume."""
 
     name: str
     updates: int
@@ -39,7 +39,7 @@ class Phase(Protocol):
 
 
 class TeacherForcing:
-    """One-step errors along measured trajectories, with the memory of each (algorithm 1 of the paper)."""
+    """One-step errors along measured trajectories, with the LSTM state of each (algorithm 1 of the paper)."""
 
     name = "teacher forcing"
 
@@ -103,11 +103,11 @@ class StepInputs(NamedTuple):
 class FreeRunning:
     """Errors of closed-loop rollouts on the model's own states, with the source in the loop.
 
-    A window begins at the start of an episode with zero memory, or later, after the model has read the measurements
-    before. The gradient passes through the whole window and is multiplied by the discount at each step. It is exact
-    for the network; for the source it uses the Jacobian at the measured transition of the same time. A rollout that
-    diverges, or that the source cannot simulate, continues on the measured states; from there on its error is constant
-    and has no gradient.
+    A window begins at the start of an episode with a zero LSTM state, or later, after the model has read the preceding
+    measurements. The gradient passes through the whole window and is multiplied by the discount at each step. It is
+    exact for the network; for the source it uses the Jacobian at the measured transition of the same time. If a rollout
+    diverges, or the source cannot simulate it, it continues on the measured states, with a constant error and no
+    gradient.
     """
 
     name = "free running"
@@ -214,13 +214,13 @@ class FreeRunning:
         return corrected[:, 0], refused, memory
 
     def _has_diverged(self, error: Tensor) -> Tensor:
-        """Return whether rollouts with errors (B, 2n) have diverged, shape (B,); they would dominate the loss."""
+        """Return a mask of the diverged rollouts for errors (B, 2n), shape (B,); they would dominate the loss."""
         n = len(self.model.joints)
         near = (error[:, :n].abs() < DIVERGED_DEVIATIONS * self.position_scale / POSITION_SCALE).all(dim=1)
         return ~(near & (error[:, n:].abs() < DIVERGED_DEVIATIONS * self.velocity_scale).all(dim=1))
 
     def _draw_windows(self, update: int) -> list[FrameWindow]:
-        """Draw windows of equal length. The length grows with the updates, and many windows begin with an episode."""
+        """Draw windows of equal length, which grows with the updates; many windows begin with an episode."""
         rng = np.random.default_rng([self.options.seed, 2, update])
         growth = min(1.0, 2 * update / max(1, self.updates))
         length = int(min(SHORTEST, self.horizon) + growth * max(0, self.horizon - SHORTEST))
@@ -253,7 +253,7 @@ class FreeRunning:
         return memory
 
     def _start_source(self, windows: Sequence[FrameWindow]) -> Stepper | None:
-        """Return the source at the windows' starts; None if it has no unmeasured state."""
+        """Return the source, started at the windows; None if it has no unmeasured state."""
         if self.simulator is None or not self.simulator.remembers:
             return None
         episodes, starts = [self.episodes[w.episode] for w in windows], np.array([w.start for w in windows])

@@ -170,11 +170,7 @@ class TrainingRun:
         self.report(f"going on at update {self.progress.update} of {self.folder}")
 
     def _check_empty(self) -> None:
-        """Check that the folder is empty, except for a partially written state.
-
-        Raises:
-            OutputExists: it is not.
-        """
+        """Raise OutputExists unless the folder is empty, except for a partially written state."""
         if self.folder.is_dir() and all(entry.name == PARTIAL for entry in self.folder.iterdir()):
             return
         if (self.folder / HISTORY).is_file() and (self.folder / CHECKPOINT / checkpoint.CONFIG).is_file():

@@ -18,7 +18,7 @@ BATCH = 64  # episodes stepped together
 def predict_with_memory(dataset: Dataset, simulator: Simulator) -> Dataset:
     """Return a dataset with predictions of a source that is set, but not reset, to each measured state.
 
-    In a closed loop φ is in the same situation: measured joints are corrected, unmeasured state is the source's own.
+    φ in a closed loop is equivalent: it corrects the measured joints only.
     """
     predicted = np.empty_like(dataset.states)
     episodes = list(dataset.episodes())

@@ -14,7 +14,7 @@ Layers = list[tuple[Tensor, Tensor]]  # weight and bias of each
 
 
 class ActorCritic(ActorCriticPolicy):
-    """`MlpPolicy` of tanh layers on the CPU, for vectors observed and a Gaussian of actions.
+    """`MlpPolicy` of tanh layers on the CPU, for vector observations and Gaussian actions.
 
     Small networks spend most time on overhead: nested modules, argument checks for every minibatch, and a generator of
     parameters. This class runs the same operations directly. Results are bit-equal if the entropy weight is zero, and
@@ -41,7 +41,7 @@ class ActorCritic(ActorCriticPolicy):
         return actions, apply_layers(self._critic, obs), compute_log_probability(actions, mean, deviation, logarithm)
 
     def evaluate_actions(self, obs: PyTorchObs, actions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Return values (B, 1), and log probabilities (B,) of actions (B, a) and the entropy (B,) of theirs."""
+        """Return values (B, 1), log probabilities (B,) of actions (B, a), and entropy (B,)."""
         assert isinstance(obs, Tensor)
         mean, deviation, logarithm = self._compute_gaussian(obs)
         entropy = (0.5 + HALF_LOG_TAU + logarithm).sum(dim=1)
@@ -60,7 +60,7 @@ def list_linear_layers(network: nn.Module) -> Layers:
 
 
 def apply_layers(network: Layers, values: Tensor) -> Tensor:
-    """Send values (B, d) through layers, with a tanh between them."""
+    """Apply layers to values (B, d), with a tanh between them."""
     *hidden, (weight, bias) = network
     for inner, offset in hidden:
         values = torch.tanh(linear(values, inner, offset))

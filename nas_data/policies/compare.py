@@ -66,7 +66,7 @@ class Run:
     dataset: str | None = None
 
     def question(self) -> dict[str, object]:
-        """Return what determines the result; runs with equal identities are the same."""
+        """Return everything that determines the result; runs with equal values are the same."""
         training, rollout = self.training, self.training.hyperparameters.rollout
         return {
             "method": self.method,
@@ -159,8 +159,8 @@ def compare(study: Study, folder: Path, workers: int = 1, report: Report = say, 
     for number, result in run_jobs(do_run, runs, workers):
         run, score = runs[number], result.score
         results[run.method, run.training.seed] = result
-        said = f"return {score.mean_return:.2f}, success {score.success_rate:.0%}"
-        report(f"{len(results)} of {len(runs)}: {run.method}, seed {run.training.seed}: {said}")
+        scores = f"return {score.mean_return:.2f}, success {score.success_rate:.0%}"
+        report(f"{len(results)} of {len(runs)}: {run.method}, seed {run.training.seed}: {scores}")
     for method in study.methods:
         results |= {(method, seed): results[study.trained_as(method), seed] for seed in study.seeds}
     return Comparison(study=study, folder=folder, results=results)
@@ -179,21 +179,21 @@ class Comparison:
         return np.array([getattr(self.results[method, seed].score, name) for seed in self.study.seeds], float)
 
     def diverged(self, method: str, when: str) -> np.ndarray:
-        """Return the number of diverged episodes of each seed while `learning` or `judging`, shape (seeds,)."""
+        """Return each seed's diverged episodes in training (`learning`) or evaluation (`judging`), shape (seeds,)."""
         return np.array([getattr(self.results[method, seed].diverged, when) for seed in self.study.seeds])
 
     def lost(self) -> list[str]:
         """Return sentences on methods with diverged episodes."""
-        said = []
+        notes = []
         for method in self.study.methods:
             learning, judging = (int(self.diverged(method, when).sum()) for when in ("learning", "judging"))
             if learning or judging:
-                said.append(
+                notes.append(
                     f"{method}: {count_of(learning, 'episode', ',')} while learning and {judging} while judged left "
                     "all bounds; each "
                     "was ended there, with the least reward for every step that it still had."
                 )
-        return said
+        return notes
 
     def shared(self) -> list[str]:
         """Return sentences on methods that share the policies of another."""
@@ -249,8 +249,8 @@ class Comparison:
         headers = ("method", "seeds", "return: median", "min … max", "success: median", closed)
         at_stake = self.at_stake()
         nothing = None if at_stake is None else at_stake.sentence()
-        told = [*([nothing] if nothing else []), *self.shared(), *self.lost()]
-        return "\n".join([format_table(headers, [self._row(method) for method in self.study.methods]), *told])
+        notes = [*([nothing] if nothing else []), *self.shared(), *self.lost()]
+        return "\n".join([format_table(headers, [self._row(method) for method in self.study.methods]), *notes])
 
     def _row(self, method: str) -> tuple[str, ...]:
         returns, success = summarise_spread(self.values(method)), summarise_spread(self.values(method, "success_rate"))
@@ -284,7 +284,7 @@ def report_training_progress(
     total, first = study.frames * len(folders), count_frames(folders)
     began, before = time.monotonic(), first
 
-    def speak() -> None:
+    def report_progress() -> None:
         nonlocal before
         done = min(float(total), count_frames(folders))
         if done > before:
@@ -295,7 +295,7 @@ def report_training_progress(
             )
         before = done
 
-    with repeating(speak, pause):
+    with repeating(report_progress, pause):
         yield
 
 

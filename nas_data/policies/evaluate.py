@@ -83,7 +83,7 @@ def roll_out(task: Task, stepper: Stepper, begin: Callable[[TaskBatch], Controll
             rows = np.flatnonzero(arena.lost)
             arena.start([np.random.default_rng(seed + row) for row in rows], rows)
     due = task.horizon - lengths[diverged] + 1
-    returns[diverged] += due * min(arena.least, 0.0)  # as `Arena` does, by the least reward of all episodes
+    returns[diverged] += due * min(arena.least, 0.0)  # as `TaskBatch` does, by the least reward of all episodes
     return Returns(returns=returns, successes=successes, lengths=lengths, diverged=diverged)
 
 

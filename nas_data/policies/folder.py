@@ -49,7 +49,7 @@ def read_running_statistics(normalised: VecNormalize) -> tuple[RunningMeanStd, R
 
 
 def is_vacant(folder: Path) -> bool:
-    """Return whether a training may begin in a folder: it is new, or its first save was interrupted.
+    """Whether a training may begin in a folder: it is new, or its first save was interrupted.
 
     The configuration is written last, so files without it belong to an interrupted save.
     """

@@ -132,7 +132,7 @@ class Learner:
 
 
 def make_silent_ppo(environment: VecEnv, p: Hyperparameters, seed: int) -> PPO:
-    """Return PPO that has learned nothing yet, silent and on one thread."""
+    """Return untrained PPO, silent and on one thread."""
     torch.set_num_threads(1)  # the networks are too small for several threads; other cores train other seeds
     ppo = make_ppo(ActorCritic, environment, p, seed, {"optimizer_kwargs": {"eps": 1e-5, "fused": True}})
     ppo.set_logger(Logger(None, []))

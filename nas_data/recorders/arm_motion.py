@@ -63,19 +63,19 @@ class ArmEpisode:
         return np.array([sent if goals is None else goals for sent, goals in pairs])
 
     def delays(self) -> np.ndarray:
-        """Return how late each reading was made [s], shape (T + 1,)."""
+        """Return the delay of each reading [s], shape (T + 1,)."""
         return np.array([reading.time for reading in self.readings]) - np.array(self.due)
 
     def late(self, period: float) -> np.ndarray:
-        """Return which readings were late, shape (T + 1,); repeated readings count as late."""
+        """Return a mask of the late readings, shape (T + 1,); repeated readings count as late."""
         return find_late_readings(self.delays(), period) | self._find_repeated()
 
     def missed(self, period: float) -> np.ndarray:
-        """Return which readings were late by more than a control period, shape (T + 1,)."""
+        """Return a mask of the readings that were late by more than a control period, shape (T + 1,)."""
         return (self.delays() > period) | self._find_repeated()
 
     def repeated(self) -> np.ndarray:
-        """Return which readings equal the previous one byte for byte while the arm moves, shape (T + 1,)."""
+        """Return a mask of the readings that equal the previous one bytewise while the arm moves, shape (T + 1,)."""
         again = [a.raw == b.raw and bool(b.velocities.any()) for a, b in pairwise(self.readings)]
         return np.array([False, *again])
 
@@ -197,7 +197,7 @@ class ArmMotion:
         return sent
 
     def command(self, wanted: np.ndarray) -> np.ndarray:
-        """Send a command as `send` does, without checking a servo.
+        """Send a command like `send`, without checking a servo.
 
         Raises:
             AdapterLost: the port is gone.

@@ -123,7 +123,7 @@ def draw_plan(
 def free_of_contact(
     simulator: MujocoSimulator, commands: np.ndarray, poses: np.ndarray, planner: PathPlanner
 ) -> np.ndarray:
-    """Return which episodes are collision-free, shape (E,).
+    """Return a mask of the collision-free episodes, shape (E,).
 
     The return to the first pose and the slow paths from and to the rest pose count as well.
 

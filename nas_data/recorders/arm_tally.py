@@ -16,10 +16,10 @@ SUSPICIOUS = 0.01  # share of repeated readings above which the servos update mo
 
 @dataclass
 class RecordingStats:
-    """Counts over all sittings of a recording.
+    """Counts over all sessions of a recording.
 
     Attributes:
-        sittings: Number of starts and resumes.
+        sittings: Number of sessions: starts and resumes.
         missed: Readings that were late by more than a control period.
         anew: Episodes that were repeated after a missed reading or a bus error.
         pauses: Number of pauses for cooling.

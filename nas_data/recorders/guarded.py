@@ -40,7 +40,7 @@ class GuardedArm:
 
     Attributes:
         arm: The arm.
-        safety_warning: After leaving, which safety step failed; empty if none did.
+        safety_warning: Safety step that failed on leaving; empty if none did.
     """
 
     def __init__(self, setup: Setup, clock: Clock, patience: float = 0.0) -> None:
@@ -49,7 +49,7 @@ class GuardedArm:
         Args:
             setup: The arm.
             clock: Clock of the control loop.
-            patience: Longest time between two readings that is still normal operation [s].
+            patience: Longest normal time between two readings [s].
 
         Raises:
             ArmError: the port cannot be opened.

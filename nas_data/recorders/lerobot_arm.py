@@ -113,7 +113,7 @@ class LeRobotArm:
         refuse_outside(self, self.read().positions)
 
     def configure(self) -> None:
-        """Let LeRobot configure the servos, after their goals are set to the present pose: it switches the torque on.
+        """Let LeRobot configure the servos, which switches the torque on; goals are set to the present pose first.
 
         Raises:
             ArmError: a servo refuses a setting.
@@ -162,14 +162,14 @@ class LeRobotArm:
             answers = self._read_one_by_one()
         self._last = answers
         table, errors = self.line.table, self.control[self._family.errors]
-        heard = answers if self.start <= errors.address < self.end else []
+        replies = answers if self.start <= errors.address < self.end else []
         return Reading(
             time=(began + self._now()) / 2,
             positions=self.frame.positions(self._column(table.position)),
             velocities=self._column(table.speed) * table.speed_unit * self._compute_travel_per_radian(),
             loads=self._column(self.control[self._family.load]) * self._family.load_unit * np.sign(self.frame.ticks),
             raw=b"".join(self._state(answer) for answer in answers),
-            alerts=tuple(i for i, data in zip(self.ids, heard, strict=False) if errors.decode(data, self.start)),
+            alerts=tuple(i for i, data in zip(self.ids, replies, strict=False) if errors.decode(data, self.start)),
             goals=self.frame.positions(self._column(table.goal)),
         )
 
@@ -311,8 +311,8 @@ class LeRobotArm:
                     raise
                 for index in range(len(self.names)):  # a servo that shut down answers with an error
                     self.check_servo(index)
-                said = " ".join(str(error).split()).rstrip(".")
-                raise BadReply(f"LeRobot could not set a servo up or command it: {said}.") from None
+                reason = " ".join(str(error).split()).rstrip(".")
+                raise BadReply(f"LeRobot could not set a servo up or command it: {reason}.") from None
 
 
 @dataclass(frozen=True, kw_only=True)

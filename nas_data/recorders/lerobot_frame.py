@@ -18,14 +18,14 @@ from nas_data.simulators.limits import command_limits, find_excitable_limits
 class Frame:
     """Conversion between servo counts and joint positions; all arrays have the shape (n,).
 
-    A servo's zero is the middle of its calibrated range, where LeRobot's degrees and −100 … 100 are zero. There the
-    joint stands in the middle of the model's range, or at zero where the servo may turn a whole turn. A gripper of
-    0 … 100 stands at its lowest position where it is at 0.
+    A servo's zero is the middle of its calibrated range, where LeRobot's degrees and −100 … 100 are zero. It
+    corresponds to the middle of the joint's range in the model, or to zero if the servo can make a whole turn. The 0 of
+    a gripper in 0 … 100 corresponds to its lowest position.
 
     Attributes:
         names: Names of the joints.
         zeros: Counts at which the joints are at zero.
-        ticks: Joint travel per count [rad; m]; negative if the joint turns against its servo.
+        ticks: Joint travel per count [rad; m]; negative if joint and servo turn in opposite directions.
         low: Lowest positions that may be commanded [rad; m].
         high: Highest positions that may be commanded [rad; m].
         slides: Names of the slide joints.
@@ -39,11 +39,11 @@ class Frame:
     slides: tuple[str, ...] = ()
 
     def positions(self, counts: np.ndarray) -> np.ndarray:
-        """Return positions [rad; m] for counts."""
+        """Return positions [rad; m] for counts, shape (n,)."""
         return np.asarray((counts - self.zeros) * self.ticks)
 
     def counts(self, positions: np.ndarray) -> np.ndarray:
-        """Return the nearest counts for positions [rad; m] within the limits."""
+        """Return the nearest counts for positions [rad; m] within the limits, shape (n,)."""
         return np.rint(np.clip(positions, self.low, self.high) / self.ticks + self.zeros).astype(int)
 
 

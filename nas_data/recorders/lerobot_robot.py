@@ -158,13 +158,13 @@ def make_robot(request: RobotRequest, port: str, options: Mapping[str, str] | No
             f"{', '.join(sorted(RobotConfig.get_known_choices()))}, so101_follower, so100_follower, koch_follower …."
         )
     given = {**(request.options if options is None else options), "port": port}
-    said = io.StringIO()
+    output = io.StringIO()
     try:
-        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
+        with contextlib.redirect_stderr(output), contextlib.redirect_stdout(output):
             arguments = [f"--robot.{name}={value}" for name, value in {"type": request.kind, **given}.items()]
             robot = make_robot_from_config(draccus.parse(config_class=ParsedOptions, args=arguments).robot)
     except SystemExit:
-        refused = _last(said.getvalue())
+        refused = _last(output.getvalue())
         raise OptionError(f"LeRobot does not take these options of a {request.kind}: {refused}.") from None
     except (draccus.utils.DraccusException, ValueError, TypeError, ImportError) as error:
         raise OptionError(f"LeRobot cannot make a {request.kind}: {_last(str(error))}.") from None

@@ -75,7 +75,7 @@ def import_logs(
         paths: Logs, or folders of logs.
         mapping: Map from a log to joints, commands and signals.
         progress: Called with the number and name of each log before it is read.
-        unwrap: Whether joints go on where their encoders begin anew after a whole turn.
+        unwrap: Whether to unwrap joints whose encoders jump after a whole turn.
 
     Raises:
         LogError: a log cannot be read, or an audit reports an error.
@@ -95,7 +95,7 @@ def import_logs(
     dataset, kept = _convert_recordings(ready, mapping), {}
     if mapping.layout.format == "lerobot":
         kept = subtasks([resolve(log) for log in logs])
-        dataset, lost = _with_rest(dataset, ready, mapping)
+        dataset, lost = _add_other_features(dataset, ready, mapping)
         findings += lost
     return Import(
         dataset=dataset,
@@ -106,7 +106,7 @@ def import_logs(
 
 
 def _unwrap(recording: Recording, mapping: Map) -> Recording:
-    """Take out the whole turns at which encoders begin anew."""
+    """Remove the whole turns by which encoders jump."""
     kinds = dict(zip(mapping.joints, mapping.command.conversion.kinds, strict=True))
     commanded = {joint for joint, kind in kinds.items() if kind == "position"}
     return unwrap_turns(recording, set(mapping.joints) - mapping.slides, commanded)
@@ -164,7 +164,7 @@ def raise_audit_errors(findings: Sequence[AuditFinding]) -> None:
 
 
 def _finish(recording: Recording, mapping: Map) -> Recording:
-    """Align, resample and derive velocities as the map says."""
+    """Align, resample and derive velocities as specified by the map."""
     signals = dict(recording.signals)
     if mapping.derive_velocity and recording.velocities is not None:
         signals[REGISTER] = recording.velocities
@@ -208,7 +208,7 @@ def _convert_recordings(recordings: Sequence[Recording], mapping: Map) -> Datase
     )
 
 
-def _with_rest(
+def _add_other_features(
     dataset: Dataset, recordings: Sequence[Recording], mapping: Map
 ) -> tuple[Dataset, Sequence[AuditFinding]]:
     """Add the other features of LeRobot datasets: vectors, and passed-through data such as videos.
@@ -228,8 +228,8 @@ def _with_rest(
             rows = [sources[recording.file].columns[key][recording.rows[1:]] for recording in recordings]
             dataset = dataset.with_column(f"next.{key}", first.features[key], np.concatenate(rows))
     if mapping.task == "{task}" and not mapping.resample:
-        told = [sources[recording.file].task_of_frame[recording.rows[:-1]] for recording in recordings]
-        dataset = replace(dataset, frame_tasks=np.concatenate(told))
+        frame_tasks = [sources[recording.file].task_of_frame[recording.rows[:-1]] for recording in recordings]
+        dataset = replace(dataset, frame_tasks=np.concatenate(frame_tasks))
     passthrough = [
         source.passthrough
         and source.passthrough.take(np.concatenate([r.rows[:-1] for r in recordings if r.file == file]))

@@ -73,7 +73,7 @@ class PathPlanner:
             yield [self.rest, last, end]
 
     def is_free(self, corners: np.ndarray) -> bool:
-        """Return whether straight lines between waypoints [rad; m], shape (k, n), make no new contact."""
+        """Whether straight lines between waypoints [rad; m], shape (k, n), make no new contact."""
         if self.touches(corners[-1]):
             return False
         path = np.concatenate([self._interpolate(a, b) for a, b in pairwise(corners)])
@@ -82,7 +82,7 @@ class PathPlanner:
         return not touching[parted:].any() and self._is_only_separating(path[:parted])
 
     def exists(self, begin: np.ndarray, end: np.ndarray) -> bool:
-        """Return whether a collision-free path joins two poses [rad; m], shape (n,)."""
+        """Whether a collision-free path joins two poses [rad; m], shape (n,)."""
         return any(self.is_free(np.stack([begin, *corners])) for corners in self.candidates(begin, end))
 
     def obstacle(self, begin: np.ndarray, end: np.ndarray) -> str:
@@ -95,17 +95,17 @@ class PathPlanner:
         return "what it touches now even more"
 
     def touches(self, pose: np.ndarray) -> bool:
-        """Return whether a pose [rad; m], shape (n,), is in contact."""
+        """Whether a pose [rad; m], shape (n,), is in contact."""
         return bool(find_contacts(self._simulator, pose, self._scratch))
 
     def enters_contact(self, begin: np.ndarray, end: np.ndarray) -> bool:
-        """Return whether moving between poses [rad; m], shape (n,), makes a new contact or deepens one."""
+        """Whether a motion between poses [rad; m], shape (n,), makes a new contact or deepens one."""
         soon = find_contacts(self._simulator, end, self._scratch)
         now = find_contacts(self._simulator, begin, self._scratch) if soon else {}
         return any(distance < now.get(pair, np.inf) for pair, distance in soon.items())
 
     def leaves_contact(self, begin: np.ndarray, end: np.ndarray) -> bool:
-        """Return whether moving between poses [rad; m], shape (n,), opens the contacts of the first and makes none.
+        """Whether a motion between poses [rad; m], shape (n,), opens the contacts of the first and makes none.
 
         The smallest clearance must grow. No pair of bodies may come closer by more than 1 mm.
         """

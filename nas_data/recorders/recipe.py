@@ -17,7 +17,7 @@ from nas_data.recorders.session import PlaybackProtocol, RecordingSession, Targe
 from nas_data.recorders.simulated import record, to_dataset
 from nas_data.simulators.engines import load_simulator
 
-PROTOCOL_INTERVAL = 4  # one episode in so many of a varied recipe follows `holds`
+PROTOCOL_INTERVAL = 4  # every fourth episode of a varied recipe follows `holds`
 BRIEFEST, WEAKEST = 2, 0.2  # least duration [control steps] and least share of the range of a drawn action
 KINDS = 1  # random stream of the kinds, apart from those of actions, starts and noise
 

@@ -52,8 +52,8 @@ def complete(
         growing: The recording.
         dataset: Its content.
         notes: Notes for the provenance.
-        name: Save as the next version of `datasets/<name>`.
-        out: Save in this folder instead.
+        name: Name of the dataset; the next version of `datasets/<name>` is written.
+        out: Folder to write instead.
 
     Returns:
         The dataset's folder.

@@ -43,7 +43,7 @@ class Target:
         return command_limits(self.robot.spec().compile(), self.simulator.joints, str(self.robot.mjcf))
 
     def describe(self, blind: bool) -> dict[str, object]:
-        """Return the target for provenance; `blind` omits its effects, which the reader shall find."""
+        """Return the target for provenance; `blind` omits its effects."""
         description = {**self.simulator.describe(), **vars(self.readings)}
         return {key: value for key, value in description.items() if not (blind and key == "effects")}
 
@@ -213,8 +213,8 @@ def draw_poses(target: Target, protocol: PlaybackProtocol, episodes: int, rng: n
         return np.tile(target.robot.rest or np.zeros(len(joints)), (episodes, 1))
     low, high = target.limits()
     # Limits of torques and velocities are not positions: such joints start near zero.
-    told = np.array([kind == POSITION for kind in target.simulator.kinds])
-    low, high = np.where(told, low, -np.inf), np.where(told, high, np.inf)
+    positional = np.array([kind == POSITION for kind in target.simulator.kinds])
+    low, high = np.where(positional, low, -np.inf), np.where(positional, high, np.inf)
     model = target.robot.spec().compile()
     for joint in target.simulator.slides:
         place, index = joints.index(joint), int(model.joint(joint).id)

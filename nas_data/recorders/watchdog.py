@@ -98,9 +98,9 @@ class LineReader:
             left = None if math.isinf(seconds) else max(0.0, until - time.monotonic())
             if not select.select([self._descriptor], [], [], left)[0]:
                 return None
-            heard = os.read(self._descriptor, CHUNK)
-            *lines, self._rest = (self._rest + heard).split(b"\n")
-            if lines or not heard:
+            received = os.read(self._descriptor, CHUNK)
+            *lines, self._rest = (self._rest + received).split(b"\n")
+            if lines or not received:
                 return lines
 
 
@@ -115,10 +115,10 @@ def watch(words: LineReader, lines: list[bytes], hang: float = HANG) -> str:
     seconds = math.inf
     while HEARTBEAT not in lines:
         seconds = float(lines[-1]) + hang if lines else seconds
-        heard = words.wait(seconds)
-        if not heard:
-            return HUNG if heard is None else DIED
-        lines = heard
+        received = words.wait(seconds)
+        if not received:
+            return HUNG if received is None else DIED
+        lines = received
     return ""
 
 

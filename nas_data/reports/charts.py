@@ -1,4 +1,4 @@
-"""What charts are made of: lines, bands, dots and axes in the house colours, thinned to what a screen can show."""
+"""Elements of charts: lines, bands, dots and axes in the house colours, thinned to screen resolution."""
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -7,9 +7,9 @@ import numpy as np
 
 from nas_data.reports.style import Stroke
 
-MOST_POINTS = 2000  # of a curve; more than a screen has pixels, so that zooming in still shows something
+MOST_POINTS = 2000  # points of a curve; more than the pixels of a screen, so that zooming in shows detail
 DASHES = {"-": "solid", "--": "dash", "-.": "dashdot", ":": "dot"}
-MEASURED_WIDTH = 4.0  # [px] width of a measured curve, which is seen under a prediction that coincides with it
+MEASURED_WIDTH = 4.0  # [px] width of a measured curve, so that it remains visible below a coinciding prediction
 BAND_ALPHA = "2b"  # alpha of bands, as a colour's fourth byte
 
 Trace = dict[str, object]
@@ -20,9 +20,9 @@ def make_line(x: np.ndarray, y: np.ndarray, name: str, look: Stroke, **more: obj
 
     Args:
         x: Shape (T,).
-        y: Shape (T,); NaN where there is nothing.
-        name: What it is called in the legend; curves of one name are shown and hidden together.
-        look: Its colour and stroke.
+        y: Shape (T,); NaN for gaps.
+        name: Name in the legend; curves with one name are shown and hidden together.
+        look: Colour and stroke.
         more: Further keys of plotly's `scatter`.
     """
     x, y = thin(x, y)
@@ -40,7 +40,7 @@ def make_line(x: np.ndarray, y: np.ndarray, name: str, look: Stroke, **more: obj
 
 
 def make_band(x: np.ndarray, low: np.ndarray, high: np.ndarray, name: str, look: Stroke) -> list[Trace]:
-    """Return the area between two curves, shape (T,) each; it goes with the curve of the same name."""
+    """Return the area between two curves, shape (T,) each; it is shown and hidden with the curve of that name."""
     hidden = Stroke(look.colour, look.line, 0)
     kept = np.isfinite(low) & np.isfinite(high)
     quiet = {"showlegend": False, "hoverinfo": "skip"}
@@ -51,7 +51,7 @@ def make_band(x: np.ndarray, low: np.ndarray, high: np.ndarray, name: str, look:
 def make_dots(
     x: Sequence[object] | np.ndarray, y: Sequence[object] | np.ndarray, name: str, look: Stroke, **more: object
 ) -> Trace:
-    """Return dots, one for each pair of values; see `make_line`."""
+    """Return one dot for each pair of values; other arguments as for `make_line`."""
     marker = {"color": look.colour, "size": 9}
     return {
         "type": "scatter", "mode": "markers", "x": np.asarray(x), "y": np.asarray(y), "name": name,
@@ -70,22 +70,19 @@ def make_axis(title: str, **more: object) -> dict[str, object]:
 
 
 def make_log_axis(title: str, **more: object) -> dict[str, object]:
-    """Return a logarithmic axis with plain numbers on it."""
+    """Return a logarithmic axis with plain numbers."""
     return make_axis(title, type="log", tickformat="~g", dtick="D2", **more)
 
 
 def make_level_line(value: float, text: str, colour: str) -> dict[str, object]:
-    """Return a layout's shape: a horizontal line with its name."""
+    """Return a shape of the layout: a horizontal line with a label."""
     label = {"text": text, "textposition": "end", "font": {"size": 11}}
     stroke = {"color": colour, "width": 1.4, "dash": "dot"}
     return {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": value, "y1": value, "line": stroke, "label": label}
 
 
 def thin(x: np.ndarray, y: np.ndarray, most: int = MOST_POINTS) -> tuple[np.ndarray, np.ndarray]:
-    """Return at most so many points of a curve (T,): the lowest and the highest of each stretch; NaN is nothing.
-
-    Extremes survive, as a mean or every k-th point would not let them.
-    """
+    """Return at most `most` points of a curve (T,): minimum and maximum of each section, so that extremes survive."""
     if len(y) <= most:
         return x, y
     edges = np.linspace(0, len(y), most // 2 + 1).astype(int)
@@ -99,7 +96,7 @@ def thin(x: np.ndarray, y: np.ndarray, most: int = MOST_POINTS) -> tuple[np.ndar
 
 
 def make_spread(x: np.ndarray, values: Mapping[str, np.ndarray], looks: Mapping[str, Stroke]) -> list[Trace]:
-    """Return by name the median of rows (3, T) with a band between its quartiles, the first and the last row."""
+    """Return the median of rows (3, T) with a band between its quartiles (first and last row), by name."""
     bands = [trace for name, (low, _, high) in values.items() for trace in make_band(x, low, high, name, looks[name])]
     return bands + [make_line(x, middle, name, looks[name]) for name, (_, middle, _) in values.items()]
 
@@ -113,16 +110,16 @@ def make_motion_chart(
     looks: Mapping[str, Stroke],
     floor: float = 0.0,
 ) -> tuple[list[Trace], dict[str, object]]:
-    """Return one joint as it moved and as it was predicted, the errors below, with their layout.
+    """Return measured and predicted motion of one joint, with the errors below, and the layout.
 
     Args:
-        time: Since the start [s], shape (T,).
-        measured: Positions as shown, shape (T,).
-        predicted: The same by name.
-        command: Commanded positions as shown, shape (T,); None where they are none.
-        labels: Title of the vertical axis above, and unit of the errors.
-        looks: By name, with `measured` and `command`.
-        floor: Noise floor as shown, a band about zero.
+        time: Time since the start [s], shape (T,).
+        measured: Measured positions in display units, shape (T,).
+        predicted: Predicted positions by name, shape (T,) each.
+        command: Commanded positions in display units, shape (T,); None for other commands.
+        labels: Title of the upper vertical axis, and unit of the errors.
+        looks: Strokes by name, including `measured` and `command`.
+        floor: Noise floor in display units, drawn as a band about zero.
     """
     steps = {"line": {"color": looks["command"].colour, "width": 1.2, "shape": "hv"}}
     traces = [] if command is None else [make_line(time, command, "command", looks["command"], **steps)]

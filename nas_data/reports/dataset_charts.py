@@ -1,4 +1,4 @@
-"""The charts of a dataset's page: states and commands that it covers, steps of the clock, episodes."""
+"""Charts of a dataset's page: coverage of states and commands, steps of the clock, episodes."""
 
 from collections.abc import Sequence
 
@@ -10,28 +10,28 @@ from nas_data.reports.charts import Trace, make_axes, make_axis, make_dots, make
 from nas_data.reports.page import Chart
 from nas_data.reports.style import BLACK, BLUE, LIGHT, ORANGE, STROKES, VERMILION, Stroke
 
-BINS = 40  # of positions and of speeds
-STEP_BINS = 60  # of the clock's steps
-COLUMNS = 2  # joints side by side in a chart
+BINS = 40  # of histograms of positions and speeds
+STEP_BINS = 60  # of the histogram of the clock's steps
+COLUMNS = 2  # panels per row
 DENSITY = [[0.0, "#0072b200"], [0.02, "#0072b233"], [1.0, "#0072b2ff"]]
 
 
 class Panels:
-    """A chart of several panels, one a joint, in rows of two."""
+    """A chart of several panels, one per joint, two per row."""
 
     def __init__(self, count: int) -> None:
-        """Lay out a number of panels."""
+        """Lay out `count` panels."""
         self.rows = -(-count // COLUMNS)
         self.height = 90 + 190 * self.rows
         self.layout: dict[str, object] = {}
 
     def place(self, number: int) -> dict[str, object]:
-        """Return the axes of a panel, as a trace names them."""
+        """Return the axes of a panel as keys of a trace."""
         mark = str(number + 1) if number else ""
         return {"xaxis": f"x{mark}", "yaxis": f"y{mark}"}
 
     def title(self, number: int, text: str) -> None:
-        """Place a panel and write below what it shows."""
+        """Position a panel and set the title of its horizontal axis."""
         mark, (row, column) = str(number + 1) if number else "", divmod(number, COLUMNS)
         width, height = 1 / COLUMNS, 1 / self.rows
         top = 1 - row * height
@@ -51,7 +51,7 @@ def list_joint_units(dataset: Dataset) -> dict[str, JointUnit]:
 
 
 def make_coverage_chart(dataset: Dataset) -> Chart:
-    """Return how often each joint was at which position at which speed."""
+    """Return a histogram of position and speed for each joint."""
     n = len(dataset.joints)
     traces, panels = [], Panels(n)
     for place, (joint, unit) in enumerate(list_joint_units(dataset).items()):
@@ -81,7 +81,7 @@ def make_coverage_chart(dataset: Dataset) -> Chart:
 
 
 def make_command_chart(dataset: Dataset) -> Chart:
-    """Return how often each joint was commanded what, beside where it was, where commands are positions."""
+    """Return a histogram of each joint's commands, with its positions if commands are positions."""
     traces, panels = [], Panels(len(dataset.joints))
     for place, (joint, unit) in enumerate(list_joint_units(dataset).items()):
         is_position = dataset.kinds[place] == ".pos"
@@ -103,7 +103,7 @@ def make_command_chart(dataset: Dataset) -> Chart:
 
 
 def make_step_charts(steps: Sequence[np.ndarray], period: float) -> list[Chart]:
-    """Return how long the steps [s] of the clock are, and the longest of each episode beside the control period [s]."""
+    """Return a histogram of the clock's steps [s], and the longest step of each episode with the control period [s]."""
     counts, edges = np.histogram(1e3 * np.concatenate(steps), STEP_BINS)
     bars = {
         "type": "bar", "x": (edges[1:] + edges[:-1]) / 2, "y": counts, "marker": {"color": BLUE}, "showlegend": False,

@@ -1,4 +1,4 @@
-"""The page of a dataset: which states and commands it covers, rates and jitter, holes, episodes to look at."""
+"""Page of a dataset: coverage of states and commands, rates and jitter, gaps, unusual episodes."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -22,7 +22,7 @@ from nas_data.reports.dataset_charts import (
 )
 from nas_data.reports.page import Block, Facts, HtmlPage, HtmlTable, PageSection, Text
 
-OUTLYING = 4.0  # median absolute deviations of all episodes from which one is worth a look
+OUTLYING = 4.0  # median absolute deviations above which an episode is unusual
 
 
 def measure_steps(dataset: Dataset) -> list[np.ndarray]:
@@ -32,15 +32,15 @@ def measure_steps(dataset: Dataset) -> list[np.ndarray]:
 
 
 def measure_episodes(dataset: Dataset, steps: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
-    """Return what is looked at in every episode, by its name in tables, shape (E,) each.
+    """Return quantities of every episode, by name in tables, shape (E,) each.
 
-    That is its length; the largest range and the largest speed of a joint, as shares of those in the whole dataset;
-    where commands are positions, the RMS of command minus position, each joint's over its range in the dataset; with a
-    clock, the share of steps that are off by more than `LATE` control periods.
+    They are: its length; the largest range and speed of a joint, relative to those of the dataset; for position
+    commands, the RMS of command minus position, relative to the joints' ranges; with a clock, the share of steps that
+    are off by more than `LATE` control periods.
 
     Args:
         dataset: E episodes.
-        steps: Of the clock, as from `measure_steps`.
+        steps: Steps of the clock from `measure_steps`.
     """
     n, period = len(dataset.joints), 1 / dataset.fps
     positions, speeds = dataset.states[:, :n], np.abs(dataset.states[:, n : 2 * n])
@@ -61,7 +61,7 @@ def measure_episodes(dataset: Dataset, steps: Sequence[np.ndarray]) -> dict[str,
 
 
 def find_differing(measured: Mapping[str, np.ndarray]) -> dict[int, list[str]]:
-    """Return the episodes that differ from the others, the most striking first, and in what."""
+    """Return the unusual episodes, the most unusual first, with their unusual quantities."""
     found: dict[int, list[str]] = {}
     strength: dict[int, float] = {}
     for name, values in measured.items():
@@ -84,7 +84,7 @@ def read_page(folder: Path) -> HtmlPage:
     """Return the page of a dataset: of a version's folder, or of `datasets/NAME`, its newest version.
 
     Raises:
-        DatasetNotFound: there is none.
+        DatasetNotFound: there is no dataset.
         DatasetInvalid: it cannot be read.
     """
     summary = summarize(folder)
@@ -109,7 +109,7 @@ def read_page(folder: Path) -> HtmlPage:
 
 
 def format_lead(summary: DatasetSummary) -> str:
-    """Say in one sentence what was recorded."""
+    """Describe the recording in one sentence."""
     frames, count = sum(summary.lengths), len(summary.lengths)
     joints = f" with {count_of(len(summary.joints), 'joint')}" if summary.joints else ""
     commands = f", commanded in {summary.commands}" if summary.commands else ""
@@ -144,7 +144,7 @@ def make_ranges_table(dataset: Dataset) -> HtmlTable:
 
 
 def make_timing_blocks(dataset: Dataset, steps: Sequence[np.ndarray]) -> list[Block]:
-    """Return how evenly the rows came."""
+    """Return how even the rows are in time."""
     if not steps or not sum(map(len, steps)):
         return [Text("The recording has no clock of its own (nas.time): rows count as evenly spaced.")]
     period, whole = 1 / dataset.fps, np.concatenate(steps)
@@ -152,17 +152,17 @@ def make_timing_blocks(dataset: Dataset, steps: Sequence[np.ndarray]) -> list[Bl
         apart = f"{1e3 * period:.4g} ms apart ({dataset.fps:g} Hz)"
         return [Text(f"All rows are {apart}, as in a simulation or a resampled log.")]
     uneven = np.abs(whole - period) > LATE * period
-    said = {
+    facts = {
         "Rate": f"{dataset.fps:g} Hz promised, {1 / float(np.median(whole)):.4g} Hz measured (median)",
         "Jitter": f"{1e3 * float(whole.std()):.3g} ms standard deviation of the steps",
         "Steps": f"{1e3 * float(whole.min()):.3g} to {1e3 * float(whole.max()):.3g} ms",
         "Uneven": f"{100 * float(uneven.mean()):.2g} % of the steps are off by more than {LATE:g} control periods",
     }
-    return [Facts(said), *make_step_charts(steps, period)]
+    return [Facts(facts), *make_step_charts(steps, period)]
 
 
 def make_hole_blocks(dataset: Dataset, steps: Sequence[np.ndarray]) -> list[Block]:
-    """Return where nothing was measured for a while, and what the audits notice."""
+    """Return the gaps in the measurement and the findings of the audits."""
     rows = [
         (f"episode {episode}", f"{part[:place].sum():.2f} s", f"{1e3 * part[place]:.0f} ms")
         for episode, part in enumerate(steps)
@@ -178,10 +178,10 @@ def make_hole_blocks(dataset: Dataset, steps: Sequence[np.ndarray]) -> list[Bloc
 
 
 def make_episode_blocks(dataset: Dataset, measured: Mapping[str, np.ndarray]) -> list[Block]:
-    """Return which episodes differ from the others, the most striking ones drawn, and all in a table."""
+    """Return the unusual episodes, charts of the first ones, and a table of all episodes."""
     striking = find_differing(measured)
-    told = [f"episode {episode} ({', '.join(why)})" for episode, why in striking.items()]
-    said = f"These differ from the others: {'; '.join(told)}." if told else "No episode differs much from the others."
+    names = [f"episode {episode} ({', '.join(why)})" for episode, why in striking.items()]
+    lead = f"These differ from the others: {'; '.join(names)}." if names else "No episode differs much from the others."
     listed = range(min(dataset.n_episodes, MOST_EPISODES))
     rows = [
         (str(place), *(f"{values[place]:.3g}" for values in measured.values()), ", ".join(striking.get(place, [])))
@@ -194,11 +194,11 @@ def make_episode_blocks(dataset: Dataset, measured: Mapping[str, np.ndarray]) ->
     if len(listed) < dataset.n_episodes:
         note += f" Only the first {MOST_EPISODES} of {dataset.n_episodes} episodes."
     drawn = [make_episode_chart(dataset, episode) for episode in (list(striking) or [0])[:SHOWN]]
-    return [Text(said), *drawn, HtmlTable(("episode", *measured, "differs in"), rows, note)]
+    return [Text(lead), *drawn, HtmlTable(("episode", *measured, "differs in"), rows, note)]
 
 
 def make_provenance_section(summary: DatasetSummary) -> PageSection:
-    """Return hashes, versions and where the dataset comes from."""
+    """Return hashes, versions and origin of the dataset."""
     entries: dict[str, str] = {
         "Folder": str(summary.dataset),
         "Content hash": summary.content_hash,

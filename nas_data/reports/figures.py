@@ -1,4 +1,4 @@
-"""Figures of experiments and ablations: trajectories, growing errors, returns, errors over the amount of data."""
+"""Figures of experiments and ablations: trajectories, error growth, returns, errors against amount of data."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,9 +20,9 @@ from nas_data.reports.style import (
     place_legend_above,
 )
 
-FLOOR = 0.1  # [deg] below the resolution of usual servos; a logarithm needs some floor
+FLOOR = 0.1  # [deg] lower end of logarithmic axes, below the resolution of usual servos
 QUARTILES = (0.25, 0.5, 0.75)
-HEADROOM = 1.5  # times the largest finite error, where the axis of errors ends
+HEADROOM = 1.5  # upper end of the error axis over the largest finite error
 
 
 def draw_trajectory(
@@ -33,15 +33,15 @@ def draw_trajectory(
     joint: str,
     unit: JointUnit = HINGE,
 ) -> Figure:
-    """Draw one joint of one episode, and the predictors' errors below.
+    """Draw one joint in one episode, with the predictors' errors below.
 
     Args:
         measured: Positions after each control step [rad; m], shape (T,).
-        predicted: The same from each predictor's open-loop rollout.
-        command: Commanded positions [rad; m], shape (T,); None where speeds or torques are commanded.
+        predicted: Positions of each predictor's open-loop rollout [rad; m], shape (T,).
+        command: Commanded positions [rad; m], shape (T,); None for speed or torque commands.
         period: Control period [s].
-        joint: Its name.
-        unit: In what its positions are shown.
+        joint: Name of the joint.
+        unit: Display unit of its positions.
     """
     time = period * np.arange(1, len(measured) + 1)
     looks = choose_strokes([*predicted, "measured", "command"])
@@ -66,12 +66,12 @@ def draw_trajectory(
 
 
 def draw_error_growth(errors: Mapping[str, Sequence[np.ndarray]], period: float) -> Figure:
-    """Draw how errors grow over rollouts: median and quartiles over episodes.
+    """Draw errors against time in rollouts: median and quartiles over episodes.
 
-    A band that reaches the upper edge and a line that ends have diverged in a quarter and in half of the episodes.
+    A band at the upper edge means divergence in a quarter of the episodes, a line that ends in half of them.
 
     Args:
-        errors: Of each predictor, the RMS over joints [rad] at each step of each episode, each of shape (T,).
+        errors: RMS over joints [rad] by predictor, one array of shape (T,) per episode.
         period: Control period [s].
     """
     looks = choose_strokes(list(errors))
@@ -97,15 +97,14 @@ def draw_error_growth(errors: Mapping[str, Sequence[np.ndarray]], period: float)
 def quartiles(episodes: Sequence[np.ndarray]) -> np.ndarray:
     """Return lower quartile, median and upper quartile over episodes at each step, shape (3, T).
 
-    Where episodes differ in length, each step counts those that reach it. An error that is no number is infinite: that
-    rollout diverged.
+    Each step includes the episodes that reach it. NaN counts as infinite, because that rollout diverged.
     """
     longest = max(len(episode) for episode in episodes)
     padded = np.full((len(episodes), longest), np.nan)
     for row, episode in zip(padded, episodes, strict=True):
         row[: len(episode)] = np.where(np.isfinite(episode), episode, np.inf)
     lower, higher = (np.nanquantile(padded, QUARTILES, axis=0, method=side) for side in ("lower", "higher"))
-    with np.errstate(invalid="ignore"):  # infinity beside a number
+    with np.errstate(invalid="ignore"):  # infinity minus a number
         between = np.nanquantile(padded, QUARTILES, axis=0)
     return np.where(lower == higher, lower, np.where(np.isinf(higher), np.inf, between))
 
@@ -115,13 +114,13 @@ def compute_joint_errors(predicted: np.ndarray, measured: np.ndarray, joints: in
     return np.sqrt(np.square(predicted[:, :joints] - measured[:, :joints]).mean(axis=1))
 
 
-OVER_MEDIANS = 2.0  # times the largest median or baseline: one seed that went astray must not squash all others
+OVER_MEDIANS = 2.0  # largest drawn error over the largest median or baseline; outliers do not compress the axis
 TITLES = {"open_loop": "open loop", "one_step": "one step"}
 
 
 @dataclass(frozen=True)
 class AblationCurve:
-    """Errors of one predictor over K amounts of data."""
+    """Errors of one predictor for K amounts of data."""
 
     amounts: np.ndarray  # shape (K,)
     low: np.ndarray  # smallest error of the seeds [rad], shape (K,); infinite where it diverged
@@ -138,10 +137,10 @@ def draw_error_over_amount(
     """Draw open-loop and one-step errors side by side, both axes logarithmic; bands are cut at the top.
 
     Args:
-        curves: By `open_loop` and `one_step`, a curve of each predictor.
-        baselines: Likewise, the error of what learns nothing.
-        unit: What the amounts count.
-        shown: How errors are shown.
+        curves: Curve of each predictor, by `open_loop` and `one_step`.
+        baselines: Error of each untrained predictor, by `open_loop` and `one_step`.
+        unit: Unit of the amounts.
+        shown: Display unit of errors.
     """
     looks = choose_strokes([*next(iter(curves.values())), *next(iter(baselines.values()))])
     with house_style():
@@ -151,7 +150,7 @@ def draw_error_over_amount(
             for name, curve in predictors.items():
                 draw_curve(axes, name, curve, looks[name], shown.factor)
             for name, error in baselines[loop].items():
-                if np.isfinite(error) and error > 0:  # a line across: a baseline needs no data
+                if np.isfinite(error) and error > 0:  # a horizontal line: baselines need no data
                     axes.axhline(shown.factor * error, label=name, **looks[name].curve())
             label(axes, sorted({float(a) for curve in predictors.values() for a in curve.amounts}))
             axes.set_ylim(top=find_axis_top([*predictors.values()], [*baselines[loop].values()], shown.factor))
@@ -162,52 +161,52 @@ def draw_error_over_amount(
 
 
 def find_axis_top(curves: Sequence[AblationCurve], baselines: Sequence[float], scale: float) -> float | None:
-    """Return where the vertical axis ends, as shown; None where nothing is finite."""
+    """Return the upper end of the vertical axis in display units; None if no error is finite."""
     drawn = np.concatenate([*(curve.median for curve in curves), baselines])
     seen = drawn[np.isfinite(drawn)]
     return OVER_MEDIANS * scale * float(seen.max()) if len(seen) and seen.max() > 0 else None
 
 
 def draw_curve(axes: Axes, name: str, curve: AblationCurve, look: Stroke, scale: float) -> None:
-    """Draw a predictor's median and the band between its extremes; where a seed diverged, there is no band."""
+    """Draw a predictor's median and the band between its extremes; no band where a seed diverged."""
     low, median, high = (scale * np.where(np.isfinite(v), v, np.nan) for v in (curve.low, curve.median, curve.high))
     axes.fill_between(curve.amounts, low, high, **look.area())
     axes.plot(curve.amounts, median, label=name, marker="o", markersize=3.5, **look.curve(10))
 
 
 def label(axes: Axes, amounts: Sequence[float]) -> None:
-    """Give both axes logarithmic scales; the horizontal one is marked at the amounts that were tried."""
+    """Set logarithmic scales on both axes; ticks of the horizontal one are the tried amounts."""
     axes.set_xscale("log")
     make_logarithmic(axes)
     margin = 1.05 * (amounts[-1] / amounts[0]) ** 0.05
-    axes.set_xlim(amounts[0] / margin, amounts[-1] * margin)  # not from the curves, which may all have diverged
+    axes.set_xlim(amounts[0] / margin, amounts[-1] * margin)  # independent of the curves, which may all have diverged
     axes.set_xticks(amounts, [f"{amount:.3g}" for amount in amounts])
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 AUTHORS_LABEL = "the authors, on their target"
-AUTHORS_OFFSET = 0.28  # of a column's width: the authors' numbers stand right of ours
-DOT_SPREAD = 0.16  # of a column's width: dots of equal returns stay apart
-MAX_SPANS = 3.0  # times the span of the medians: what lies further off is drawn at the edge, not to squash the rest
+AUTHORS_OFFSET = 0.28  # offset of the authors' numbers to the right of ours, over a column's width
+DOT_SPREAD = 0.16  # offset between dots of equal returns, over a column's width
+MAX_SPANS = 3.0  # times the span of the medians; more distant values are drawn at the edge
 
 
 @dataclass(frozen=True)
 class Panel:
-    """Returns on one environment."""
+    """Returns in one environment."""
 
     title: str  # its name
-    returns: Mapping[str, np.ndarray]  # of each method, one number a seed
-    intervals: Mapping[str, Interval]  # of each method, the interval of the median
-    authors: Mapping[str, Sequence[float]]  # what the authors found, of those methods that they have
+    returns: Mapping[str, np.ndarray]  # returns of each method, one per seed
+    intervals: Mapping[str, Interval]  # interval of the median of each method
+    authors: Mapping[str, Sequence[float]]  # the authors' returns of each method, if published
 
 
 def draw_returns_by_method(panels: Sequence[Panel], label: str, quick: bool) -> Figure:
-    """Draw a panel an environment: a dot a seed, a bar at the median with its interval, diamonds for the authors'.
+    """Draw one panel per environment: dots for seeds, bars for medians with intervals, diamonds for the authors'.
 
     Args:
-        panels: What to draw.
-        label: What a return is.
-        quick: Whether to say that this is no result.
+        panels: Returns of each environment.
+        label: Label of the vertical axis.
+        quick: Whether to mark the figure as no result.
     """
     with house_style():
         columns = min(len(panels), 2)
@@ -245,7 +244,7 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
 
 
 def find_drawn_range(panel: Panel) -> tuple[float, float]:
-    """Return the lowest and highest return that are drawn at their place."""
+    """Return the lowest and highest return of the vertical axis."""
     medians = np.array([float(np.median(values)) for values in panel.returns.values()])
     every = np.concatenate([*panel.returns.values(), *(np.array(v) for v in panel.authors.values())])
     span = max(float(np.ptp(medians)), 1e-6 + 0.05 * float(np.abs(medians).max()))
@@ -262,15 +261,15 @@ def draw_return_over_count(
     authors: Mapping[int, tuple[float, float]],
     quick: bool,
 ) -> Figure:
-    """Draw median returns over the number of trajectories, a band between their extremes, and the authors'.
+    """Draw median returns against number of trajectories, with a band between their extremes, and the authors'.
 
     Args:
         counts: Numbers of trajectories, K of them.
-        returns: By method, of each count a number a seed; K arrays of shape (seeds,).
-        labels: What each method is called.
-        ends: Median return of methods that need no recording, as lines across.
+        returns: Returns by method; K arrays of shape (seeds,).
+        labels: Names of the methods in the legend.
+        ends: Median return of methods that need no recording, drawn as horizontal lines.
         authors: Mean and standard deviation by number of trajectories.
-        quick: Whether to say that this is no result.
+        quick: Whether to mark the figure as no result.
     """
     looks = choose_strokes([*returns, *ends])
     with house_style():
@@ -302,6 +301,6 @@ def draw_return_over_count(
 
 
 def warn(figure: Figure, quick: bool) -> None:
-    """Write over a picture that it is no result, where it is none."""
+    """Mark a quick figure as no result."""
     if quick:
         figure.text(0.5, 0.5, "quick: no result", ha="center", va="center", fontsize=30, color=GREY, alpha=0.3)

@@ -1,4 +1,4 @@
-"""A page that needs nothing but itself: paragraphs, tables, charts, differences and films in one HTML file."""
+"""Self-contained HTML pages: paragraphs, tables, charts, differences and films in one file."""
 
 import base64
 import json
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from jinja2 import Template
 
 TEMPLATES = Path(__file__).with_name("templates")
-GENERATOR = '<meta name="generator" content="nas_data">'  # by which a page of ours is known, and may be replaced
+GENERATOR = '<meta name="generator" content="nas_data">'  # identifies pages of this package, which may be replaced
 
 
 @dataclass(frozen=True)
 class Text:
-    """A paragraph; the lead is set larger."""
+    """A paragraph; a lead has larger type."""
 
     text: str
     lead: bool = False
@@ -29,43 +29,43 @@ class Text:
 
 @dataclass(frozen=True)
 class HtmlTable:
-    """Rows under headers, which a click on a header sorts; the first column names the row, the others are numbers."""
+    """Rows under headers; a click on a header sorts. The first column names the row, the others are numbers."""
 
-    headers: Sequence[str]  # one a column
+    headers: Sequence[str]  # one per column
     rows: Sequence[Sequence[str]]  # cells as text
-    note: str = ""  # what the numbers are, shown below
+    note: str = ""  # explanation of the numbers, shown below
 
 
 @dataclass(frozen=True)
 class Facts:
-    """Names and what is to be known under them, for hardware, seeds and versions."""
+    """Names with their values, for hardware, seeds and versions."""
 
     entries: Mapping[str, str]
 
 
 @dataclass(frozen=True)
 class Chart:
-    """An interactive picture, drawn by plotly.js in the reader's browser."""
+    """An interactive figure, drawn by plotly.js in the browser."""
 
-    name: str  # a word that tells it from the other charts of the page
-    caption: str  # what it shows
-    traces: Sequence[Mapping[str, object]]  # what is drawn, as plotly.js takes it; arrays are NumPy's
-    # axes and shapes, as plotly.js takes them; the page adds fonts, margins and colours
+    name: str  # unique name on the page
+    caption: str  # caption
+    traces: Sequence[Mapping[str, object]]  # traces for plotly.js, with NumPy arrays
+    # axes and shapes for plotly.js; the page adds fonts, margins and colours
     layout: Mapping[str, object] = field(default_factory=dict)
-    height: int = 380  # of the picture [px]
+    height: int = 380  # height [px]
 
     def to_json(self) -> str:
-        """Return traces and layout; no text in it ends the script element in which it stands."""
+        """Return traces and layout, escaped so that they cannot end the enclosing script element."""
         text = json.dumps({"data": self.traces, "layout": self.layout}, default=pack_array, ensure_ascii=False)
         return text.replace("<", "\\u003c")
 
 
 @dataclass(frozen=True)
 class ModelDifference:
-    """A unified difference of two texts, to read and to copy."""
+    """A unified difference of two texts, which can be copied."""
 
-    text: str  # as `diff -u` writes it
-    note: str = ""  # what the two texts are
+    text: str  # output of `diff -u`
+    note: str = ""  # description of the two texts
 
     @property
     def lines(self) -> list[tuple[str, str]]:
@@ -78,21 +78,21 @@ class ModelDifference:
 
     @property
     def size(self) -> str:
-        """How many lines are added and removed."""
+        """Number of added and removed lines."""
         kinds = [kind for kind, _ in self.lines]
         return f"{count_of(kinds.count('added'), 'line')} added, {kinds.count('removed')} removed"
 
 
 @dataclass(frozen=True)
 class ShortFilm:
-    """A film inside the page."""
+    """A film embedded in the page."""
 
     mp4: bytes  # H.264, which browsers play
-    caption: str  # what it shows
+    caption: str  # caption
 
     @property
     def source(self) -> str:
-        """The film as a data address."""
+        """The film as a data URL."""
         return "data:video/mp4;base64," + base64.b64encode(self.mp4).decode()
 
 
@@ -101,7 +101,7 @@ Block = Text | HtmlTable | Facts | Chart | ModelDifference | ShortFilm
 
 @dataclass(frozen=True)
 class PageSection:
-    """A heading and what stands below it; no heading at a page's start."""
+    """A heading and its content; no heading at the start of a page."""
 
     title: str
     blocks: Sequence[Block]
@@ -119,14 +119,14 @@ class HtmlPage:
         return [block for section in self.sections for block in section.blocks if isinstance(block, Chart)]
 
     def to_html(self) -> str:
-        """Return the page; it asks no server for anything."""
+        """Return the page; it loads nothing from servers."""
         library = load_plotly_js() if self.charts() else ""
         return load_page_template().render(page=self, generator=GENERATOR, library=library)
 
 
 @cache
 def load_page_template() -> "Template":
-    """Return the template of every page."""
+    """Return the template of all pages."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
@@ -149,7 +149,7 @@ def load_plotly_js() -> str:
 
 
 def pack_array(values: object) -> object:
-    """Return an array as plotly.js takes it: numbers as base64, 4 bytes each, words as a list."""
+    """Return an array for plotly.js: numbers as base64 of 4 bytes each, words as a list."""
     if not isinstance(values, np.ndarray):
         raise TypeError(f"{values!r} cannot be drawn")
     if values.dtype.kind not in "fiu":

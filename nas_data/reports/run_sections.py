@@ -1,4 +1,4 @@
-"""Sections of a page about runs: how models and policies learned, and how policies do on the target."""
+"""Sections of a page about runs: training of models and policies, and the policies' scores on the target."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -27,7 +27,7 @@ MODELS_NOTE = "source + φ: the simulator, corrected by a network after each con
 
 
 def make_models_chart(models: Sequence[ModelRun]) -> Chart:
-    """Return the validation errors of models over their training."""
+    """Return the validation errors of models during training."""
     units = list(dict.fromkeys(model.unit for model in models))
     label = f"validation error [{units[0].mark.strip()}]" if len(units) == 1 and units[0] else "validation error"
     names = make_distinct_names(models)
@@ -48,7 +48,7 @@ def make_models_chart(models: Sequence[ModelRun]) -> Chart:
 
 
 def make_distinct_names(models: Sequence[ModelRun]) -> list[str]:
-    """Return a name for each model; those that would share one also carry their folder's."""
+    """Return a unique name for each model; equal names get their folder's name added."""
     names = [model.name for model in models]
     return [
         name if names.count(name) == 1 else f"{name} ({model.folder.name})"
@@ -74,7 +74,7 @@ def make_models_section(models: Sequence[ModelRun]) -> PageSection:
 
 
 def make_learning_charts(groups: Mapping[str, Sequence[PolicyRun]]) -> list[Chart]:
-    """Return return and success of policies while they learned: median over seeds, band from lowest to highest."""
+    """Return return and success rate of policies during training: median over seeds, band from minimum to maximum."""
     looks = choose_strokes(list(groups))
     curves = {method: [run.curve for run in runs] for method, runs in groups.items()}
     caption = (
@@ -106,7 +106,7 @@ def make_learning_charts(groups: Mapping[str, Sequence[PolicyRun]]) -> list[Char
 def make_learning_traces(
     name: str, seeds: Sequence[LearningCurve], what: str, factor: float, look: Stroke
 ) -> list[Trace]:
-    """Return the median of several seeds, and a band between their extremes; unequal ends are cut to the shortest."""
+    """Return the median of several seeds and a band between their extremes, truncated to the shortest seed."""
     shortest = min(len(seed.frames) for seed in seeds)
     values = factor * np.stack([getattr(seed, what)[:shortest] for seed in seeds])
     known = ~np.isnan(values).all(axis=0)
@@ -117,7 +117,7 @@ def make_learning_traces(
 
 
 def make_target_chart(groups: Mapping[str, Sequence[PolicyRun]]) -> list[Chart]:
-    """Return every policy's mean return on the target: a row a method, a dot a seed; nothing where none was judged."""
+    """Return every policy's mean return on the target: a row per method, a dot per seed; empty without evaluations."""
     returns = {method: collect_scores(runs) for method, runs in groups.items()}
     returns = {method: values for method, values in returns.items() if len(values)}
     if not returns:
@@ -142,7 +142,7 @@ def make_target_chart(groups: Mapping[str, Sequence[PolicyRun]]) -> list[Chart]:
 def make_policies_table(
     groups: Mapping[str, Sequence[PolicyRun]], extra: Mapping[str, Mapping[str, float]]
 ) -> HtmlTable:
-    """Return the policies' scores on the target, or of training where none was judged; extra needs no learning."""
+    """Return the policies' scores on the target, or of training if not evaluated; `extra` are untrained baselines."""
     judged = any(len(collect_scores(runs)) for runs in groups.values())
     headers = ["learned on", "return: median", "success", "lowest … highest", "seeds", "distance closed"]
     rows = [make_method_row(method, runs, groups, judged) for method, runs in groups.items()]
@@ -162,7 +162,7 @@ def make_policies_table(
 def make_method_row(
     method: str, runs: Sequence[PolicyRun], groups: Mapping[str, Sequence[PolicyRun]], judged: bool
 ) -> tuple[str, ...]:
-    """Return a method's row of the table of policies."""
+    """Return the table row of a method."""
     if judged:
         returns, success = collect_scores(runs), collect_scores(runs, "success_rate")
     else:
@@ -181,13 +181,13 @@ def make_method_row(
 
 
 def format_method(method: str) -> str:
-    """Return a method's name with what it learned on."""
+    """Return a method's name with its training environment."""
     word, _, rest = method.partition(" ")
     return f"{method}: {LEARNED_ON[word]}" if word in LEARNED_ON and not rest else method
 
 
 def format_share(method: str, groups: Mapping[str, Sequence[PolicyRun]]) -> str:
-    """Return the share of the distance from source to expert that a method closes, as text."""
+    """Return the relative score of a method between source and expert as text."""
     if method in (SOURCE_METHOD, EXPERT_METHOD) or not {SOURCE_METHOD, EXPERT_METHOD} <= set(groups):
         return ""
     values, source, expert = (collect_scores(groups[name]) for name in (method, SOURCE_METHOD, EXPERT_METHOD))
@@ -195,7 +195,7 @@ def format_share(method: str, groups: Mapping[str, Sequence[PolicyRun]]) -> str:
 
 
 def take_last(values: np.ndarray) -> float:
-    """Return the last value that is a number; NaN where there is none."""
+    """Return the last value that is not NaN; NaN if there is none."""
     numbers = values[~np.isnan(values)]
     return float(numbers[-1]) if len(numbers) else math.nan
 

@@ -1,4 +1,4 @@
-"""What lies in run folders: trained models and policies, with how they learned."""
+"""Contents of run folders: trained models and policies, with their learning curves."""
 
 import json
 import math
@@ -25,24 +25,24 @@ from nas_data.visible_files import list_visible_files
 HISTORY, CHECKPOINT = "history.json", "checkpoint"
 MODEL_NAMES = {"delta": "source + φ", "forward": "ψ"}
 METHODS = {"delta": "augmented", "forward": "forward"}
-NAMED, NAMED_AND_LEARNED = "named", "named_nas"  # learned in a source with named effects, without and with φ
+NAMED, NAMED_AND_LEARNED = "named", "named_nas"  # methods trained on a source with named effects, without and with φ
 
 
 @dataclass(frozen=True)
 class ModelRun:
     """A training of φ or ψ."""
 
-    folder: Path  # where it lies
+    folder: Path  # its folder
     kind: str  # `delta` or `forward`
-    dataset: str  # name and version of what it learned from
-    content_hash: str  # that dataset's
-    # unit of its validation error; None where that is normalised and one-step, after teacher forcing
+    dataset: str  # name and version of its dataset
+    content_hash: str  # content hash of its dataset
+    # unit of its validation error; None for a normalised one-step error, after teacher forcing
     unit: JointUnit | None
-    history: Sequence[Mapping[str, float]]  # of each validation: update, validation error, seconds
+    history: Sequence[Mapping[str, float]]  # update, validation error and seconds of each validation
 
     @property
     def name(self) -> str:
-        """What the model is called in tables."""
+        """Name in tables."""
         return MODEL_NAMES.get(self.kind, self.kind)
 
     @property
@@ -52,38 +52,38 @@ class ModelRun:
 
     @property
     def errors(self) -> list[tuple[float, float]]:
-        """Update and validation error of each validation, in the unit shown."""
+        """Update and validation error of each validation, in display units."""
         scale = self.unit.factor if self.unit else 1.0
         return [(row["update"], row["validation"] * scale) for row in self.history]
 
     @property
     def seconds(self) -> float:
-        """Time that the training took [s]."""
+        """Duration of the training [s]."""
         return self.history[-1]["seconds"] if self.history else math.nan
 
 
 @dataclass(frozen=True)
 class LearningCurve:
-    """How one seed of a method learned."""
+    """Learning curve of one seed of a method."""
 
     frames: np.ndarray  # control steps so far, shape (K,)
-    returns: np.ndarray  # mean return of the episodes that ended since the row before, NaN where none did, shape (K,)
-    success: np.ndarray  # share of them that reached the goal, shape (K,)
+    returns: np.ndarray  # mean return of the episodes that ended since the previous row, NaN without any, shape (K,)
+    success: np.ndarray  # share of these episodes that reached the goal, shape (K,)
 
 
 @dataclass(frozen=True)
 class PolicyRun:
     """A training of a policy."""
 
-    folder: Path  # where it lies
-    # what it learned on: expert (the target), source, augmented (φ), forward (ψ), named (the source with named effects)
-    # or named_nas (φ beside)
+    folder: Path  # its folder
+    # its training environment: expert (the target), source, augmented (φ), forward (ψ), named (the source with named
+    # effects) or named_nas (named effects and φ)
     method: str
     seed: int
-    environment: str  # what it learned to do
-    frames: int  # control steps it learned from
-    curve: LearningCurve  # how it learned
-    seconds: float  # time that it took [s]
+    environment: str  # environment of its task
+    frames: int  # control steps of its training
+    curve: LearningCurve  # its learning curve
+    seconds: float  # its duration [s]
     judged: PolicyScore | None  # its score on the target; None if it was not evaluated
 
 
@@ -95,9 +95,9 @@ class Runs:
     policies: Sequence[PolicyRun]
 
     def groups(self) -> dict[str, list[PolicyRun]]:
-        """Return the policies that differ only in their seed, under their method's name.
+        """Return the policies that differ only in their seed, by method.
 
-        Where policies of one method lie in several folders, the folder's name is added.
+        If policies of one method are in several folders, the folder's name is added.
         """
         homes: dict[str, set[Path]] = {}
         for run in self.policies:
@@ -110,7 +110,7 @@ class Runs:
 
 
 def order(method: str) -> int:
-    """Return the place of a method in tables: the two ends first."""
+    """Return the position of a method in tables: the two references first."""
     known = (EXPERT_METHOD, SOURCE_METHOD, *METHODS.values(), NAMED, NAMED_AND_LEARNED)
     return known.index(method) if method in known else len(known)
 
@@ -129,7 +129,7 @@ def find_runs(paths: Iterable[Path]) -> Runs:
         found = {
             file.parent: read_model(file.parent)
             for file in list_visible_files(path, f"**/{HISTORY}")
-            if (file.parent / CHECKPOINT / CONFIG).is_file()  # else the history is something else's
+            if (file.parent / CHECKPOINT / CONFIG).is_file()  # otherwise the history belongs to something else
         }
         learned = {file.parent: read_policy(file.parent) for file in list_visible_files(path, f"**/{PROGRESS}")}
         if not found and not learned:
@@ -191,7 +191,7 @@ def read_policy(folder: Path) -> PolicyRun:
 
 
 def find_method(plant: TrainedPlant) -> str:
-    """Return what a policy learned on."""
+    """Return the method that a policy's training environment implies."""
     if plant.retuned is not None:
         return NAMED_AND_LEARNED if plant.model else NAMED
     if plant.model is not None:

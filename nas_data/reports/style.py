@@ -1,4 +1,4 @@
-"""How every figure looks: one colour and stroke for each predictor and method, whichever figure it appears in."""
+"""Style of all figures: the same colour and stroke for each predictor and method in every figure."""
 
 import io
 from collections.abc import Iterator, Sequence
@@ -13,45 +13,45 @@ from matplotlib.figure import Figure
 
 RULES = Path(__file__).with_name("house.mplstyle")
 DPI = 130
-WIDTH = 7.6  # [in] 988 pixels: sharp at the 830 pixels that a README shows
+WIDTH = 7.6  # [in] 988 pixels, sharp at a README's width of 830 pixels
 
-# Okabe and Ito's palette, which people with any kind of colour vision can tell apart.
+# Okabe and Ito's palette, distinguishable with any kind of colour vision.
 BLACK, GREY, LIGHT = "#000000", "#777777", "#999999"
 BLUE, ORANGE, GREEN, PURPLE = "#0072B2", "#E69F00", "#009E73", "#CC79A7"
 VERMILION = "#D55E00"
-OTHERS = (PURPLE, "#56B4E9", "#8C6D31")  # for what has no colour of its own, in order of appearance
+OTHERS = (PURPLE, "#56B4E9", "#8C6D31")  # colours for other names, in order of appearance
 
 
 @dataclass(frozen=True)
 class Stroke:
-    """How one predictor or method is drawn."""
+    """Style of one predictor or method."""
 
     colour: str  # of line, band and dots
-    line: str = "-"  # Matplotlib's line style, so that colour is not the only mark
+    line: str = "-"  # Matplotlib's line style, so that colour is not the only difference
     width: float = 1.8  # of the line [pt]
-    order: int = 2  # lines with a higher order lie on top
+    order: int = 2  # lines with a higher order are drawn on top
 
     def curve(self, lift: int = 0) -> dict[str, Any]:
-        """Return matplotlib's options of a curve, lifted in the drawing order."""
+        """Return Matplotlib's options of a curve; `lift` is added to the drawing order."""
         order = self.order + lift
         return {"color": self.colour, "linestyle": self.line, "linewidth": self.width, "zorder": order}
 
     def area(self) -> dict[str, Any]:
-        """Return matplotlib's options of an area."""
+        """Return Matplotlib's options of an area."""
         return {"color": self.colour, "alpha": 0.16, "linewidth": 0, "zorder": self.order}
 
 
 STROKES = {
     "measured": Stroke(BLACK, "-", 2.4, 3),
-    "expert": Stroke(BLACK, "-", 1.8, 3),  # learned on what is measured
+    "expert": Stroke(BLACK, "-", 1.8, 3),  # trained on the target
     "source": Stroke(BLUE, "-", 1.6, 4),
     "source + φ": Stroke(ORANGE, "-", 2.0, 6),
-    "augmented": Stroke(ORANGE, "-", 2.0, 6),  # learned on source + φ
+    "augmented": Stroke(ORANGE, "-", 2.0, 6),  # trained on source + φ
     "nas": Stroke(ORANGE, "-", 2.0, 6),  # the same, by the paper's name
     "ψ": Stroke(GREEN, "--", 1.6, 5),
-    "forward": Stroke(GREEN, "--", 1.8, 5),  # learned on ψ
+    "forward": Stroke(GREEN, "--", 1.8, 5),  # trained on ψ
     "source + names": Stroke(VERMILION, "-.", 1.6, 5),
-    "named": Stroke(VERMILION, "-.", 1.8, 5),  # learned on source + names
+    "named": Stroke(VERMILION, "-.", 1.8, 5),  # trained on the source with named effects
     "hold": Stroke(LIGHT, "-.", 1.2, 1),
     "command": Stroke(GREY, ":", 1.4, 1),
 }
@@ -59,13 +59,13 @@ STROKES = {
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Draw figures in the house style; matplotlib's own settings come back afterwards."""
+    """Draw figures in the house style; restore Matplotlib's settings afterwards."""
     with matplotlib.style.context(RULES):
         yield
 
 
 def choose_strokes(names: Sequence[str]) -> dict[str, Stroke]:
-    """Return how each of some names is drawn; names without a stroke of their own get the spare colours in turn."""
+    """Return the style of each name; names without a style of their own get the spare colours in turn."""
     unknown = [name for name in names if name not in STROKES]
     spare = {name: Stroke(OTHERS[number % len(OTHERS)]) for number, name in enumerate(unknown)}
     return {name: STROKES.get(name) or spare[name] for name in names}
@@ -79,13 +79,13 @@ def make_logarithmic(axes: Axes) -> None:
 
 
 def place_legend_above(figure: Figure, axes: Axes, columns: int = 6) -> None:
-    """Put the legend of some axes above the figure, where it hides nothing, in so many columns at most."""
+    """Place the legend of some axes above the figure, with at most `columns` columns."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper left", ncols=min(columns, len(labels)), handlelength=2.4)
 
 
 def to_png(figure: Figure) -> bytes:
-    """Return a figure as a PNG, the same bytes for the same figure."""
+    """Return a figure as a PNG; equal figures give equal bytes."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
     return buffer.getvalue()

@@ -1,4 +1,4 @@
-"""A hash of the code that determines a result, so that results of different code are not mixed."""
+"""Hash of the code that determines a result, so that results of different code are not mixed."""
 
 import ast
 import hashlib
@@ -10,12 +10,12 @@ from nas_data import registry
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT.name
-# They store, refuse, show or tell.
+# These modules only store, check or display.
 APART = (
     "cli", "commands", "dataset", "errors", "gap.showing", "log", "mjcf.engine_warnings", "registry", "reports",
     "runs.environment_info", "runs.progress", "atomic_file",
 )  # fmt: skip
-# Each of their functions imports what one option needs. Whoever asks for a hash names the options that are taken.
+# Functions of these modules import the code of one option each; callers name the modules of chosen options.
 CHOOSING = ("envs.loop.dynamics_spec", "simulators.engines")
 BLOCKS = ("body", "orelse", "handlers", "finalbody", "cases")  # fields of a statement that hold statements
 
@@ -31,7 +31,7 @@ def hash_code(*modules: str) -> str:
     - Modules that only store, check or display: `APART`.
     - Imports inside functions of the modules `CHOOSING`. A plain source must not depend on φ or another engine just
       because the module that builds plants supports them. The caller passes the modules of the chosen options, as
-      `Plant.modules` does.
+      `DynamicsSpec.modules` does.
 
     Plug-ins that the registry finds by name (effects, environments, kinds of models) have no explicit import. The
     caller passes them as well.
@@ -83,21 +83,21 @@ def normalise_code(node: object) -> str:
         return ",".join([normalise_code(part) for part in node if not is_text(part)])
     if not isinstance(node, ast.AST):
         return repr(node)
-    if isinstance(node, ast.JoinedStr):  # its empty parts come and go between versions
+    if isinstance(node, ast.JoinedStr):  # its empty parts differ between Python versions
         node = ast.JoinedStr([part for part in node.values if getattr(part, "value", None) != ""])
-    # Newer versions of Python know more fields, which older code leaves empty.
+    # Newer Python versions have more fields, which are empty for older code.
     parts = [(name, getattr(node, name, None)) for name in node._fields if name != "ctx"]
-    told = [f"{name}={normalise_code(part)}" for name, part in parts if part is not None and part != []]
-    return f"{type(node).__name__}({' '.join(told)})"
+    texts = [f"{name}={normalise_code(part)}" for name, part in parts if part is not None and part != []]
+    return f"{type(node).__name__}({' '.join(texts)})"
 
 
 def is_text(node: object) -> bool:
-    """Return whether a part of the code is a docstring or another string statement."""
+    """Whether a node is a docstring or another string statement."""
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
 
 def walk_statements(node: ast.AST, deep: bool) -> Iterator[ast.stmt]:
-    """Yield the statements of a module or statement, not those for type checkers; deep: those in functions, too."""
+    """Yield the statements of a module, without those for type checkers; `deep` includes those inside functions."""
     aside = isinstance(node, ast.If) and "TYPE_CHECKING" in (getattr(node.test, key, "") for key in ("id", "attr"))
     for block in BLOCKS[1:] if aside else BLOCKS:
         for part in getattr(node, block, ()):
@@ -123,7 +123,7 @@ def find_imported_modules(statement: ast.stmt) -> Iterator[str]:
 
 
 def is_ours(module: str) -> bool:
-    """Return whether a module belongs to this package."""
+    """Whether a module belongs to this package."""
     return module.split(".")[0] == PACKAGE
 
 

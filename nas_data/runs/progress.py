@@ -1,4 +1,4 @@
-"""Progress on stderr: lines, at most one every few seconds, and durations as text."""
+"""Progress messages on stderr, at most one every few seconds, and durations as text."""
 
 import io
 import sys
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
 PAUSE = 2.0  # [s] between two lines
-SILENCE = 10.0  # [s] after which a step that says nothing is said to go on
-SHOWN = 60  # characters of the last line in the line that says that it goes on
+SILENCE = 10.0  # [s] without a message after which a running step is reported
+SHOWN = 60  # characters of the last message that such a report repeats
 
 Report = Callable[[str], None]
 
 say: Report = logger.info
-"""Show a line at once, where the program or its caller shows the log."""
+"""Log a message at once."""
 
 
 def silence(_: str) -> None:
@@ -35,10 +35,10 @@ def format_duration(seconds: float) -> str:
 
 
 class RateLimited:
-    """A report that passes on at most one line every few seconds."""
+    """A report function that passes on at most one line every few seconds."""
 
     def __init__(self, report: Report = say, pause: float = PAUSE, first: float = 0.0) -> None:
-        """Pass on to a report after at least a pause [s], and for the first time after another one."""
+        """Set the interval `pause` [s] and the delay of the first line [s]."""
         self.report = report
         self.pause = pause
         self.next = time.monotonic() + first
@@ -51,25 +51,25 @@ class RateLimited:
 
 
 class Lines(io.StringIO):
-    """A file that shows on stderr, as a line of its own, each state of a bar of tqdm."""
+    """A file that shows each update of a tqdm bar as a line on stderr."""
 
     def write(self, text: str) -> int:
-        """Show a state; tqdm also writes empty ones."""
+        """Show an update; empty ones of tqdm are ignored."""
         if state := text.strip():
             print(state, file=sys.stderr, flush=True)
         return len(text)
 
 
 class Counting:
-    """Counts on stderr after two seconds: a bar on a terminal, elsewhere a line at most every two seconds."""
+    """Progress count on stderr, from two seconds on: a bar on a terminal, elsewhere a line every two seconds."""
 
     def __init__(self, what: str) -> None:
-        """Describe what is counted."""
+        """Set the description."""
         self.what = what
         self.bar: tqdm | None = None
 
     def __call__(self, done: int, total: int, more: str = "") -> None:
-        """Show the number of finished items, and more beside it; the time that is left is told from the first call."""
+        """Show the number of finished items and a suffix; the remaining time is estimated from the first call on."""
         if self.bar is None:
             from tqdm import tqdm
 
@@ -101,7 +101,7 @@ def repeating(speak: Callable[[], None], pause: float) -> Iterator[None]:
 
 @contextmanager
 def report_elapsed(what: str, pause: float = PAUSE) -> Iterator[None]:
-    """Show on stderr what is being done and for how long, every two seconds or after another pause [s]."""
+    """Show a description and the elapsed time on stderr at every pause [s]."""
     began = time.monotonic()
     with repeating(lambda: say(f"{what}, {time.monotonic() - began:.0f} s"), pause):
         yield
@@ -109,10 +109,10 @@ def report_elapsed(what: str, pause: float = PAUSE) -> Iterator[None]:
 
 @contextmanager
 def report_heartbeat(first: str, report: Report = say, silence: float = SILENCE) -> Iterator[Report]:
-    """Yield a report of lines that adds, after each silence [s], how long ago its last line was.
+    """Yield a report function that also reports, after each silence [s], the time since its last line.
 
     Args:
-        first: What is being done until the first line.
+        first: Description of the work until the first line.
         report: Receives the lines.
         silence: Longest time without a line [s].
     """

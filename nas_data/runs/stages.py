@@ -215,12 +215,12 @@ def read_stage(name: str, folder: Path) -> Done:
 
 @dataclass(frozen=True)
 class Part(Generic[Plan]):
-    """A stage to run in its own process."""
+    """A stage to run in its own process; the other fields are those of `Work`."""
 
     stage: str  # its name
-    plan: Plan  # see `Work`
-    folder: Path  # see `Work`
-    name: str  # see `Work`
+    plan: Plan  # plan of the work
+    folder: Path  # folder of all results
+    name: str  # name in messages
 
 
 def run_side_by_side(

@@ -48,8 +48,8 @@ def check(
         dataset: Transitions with 2n-states.
         model: An MJCF or URDF file, or a robot's name.
         middles: Position of the middle of joints' calibrated ranges in the map, if known [rad; m].
-        known: What was found without a model. Where it says that signs or columns are wrong, limits and gravity are
-            not compared: they would suggest other causes.
+        known: Findings of audits without a model. If they include wrong signs or columns, limits and gravity are not
+            compared: they would suggest other causes.
 
     Raises:
         JointMismatch: the model lacks a joint of the dataset.
@@ -98,7 +98,7 @@ def _check_kind(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[Aud
 
 
 def _make_finding(check: str, what: str, remedy: str) -> AuditFinding:
-    """Return what speaks against a dataset as the model's."""
+    """Return a finding that contradicts the model."""
     return AuditFinding(check, "the dataset", what, remedy)
 
 
@@ -135,10 +135,10 @@ def _is_within_range(dataset: Dataset, model: mujoco.MjModel, joint: str, read: 
 
 
 def _find_exchanged(dataset: Dataset, model: mujoco.MjModel, joint: str) -> str | None:
-    """Return the joint with which one that leaves its range may be exchanged.
+    """Return the joint that a joint outside its range may have been exchanged with.
 
-    Both leave their ranges as they are read, and neither does with the positions of the other. Gravity cannot tell:
-    with the friction and the steps of a real arm, loads that are exchanged fit hardly worse than the right ones.
+    Each leaves its own range but fits that of the other. Gravity cannot decide: with the friction and quantisation of a
+    real arm, exchanged loads fit hardly worse.
     """
     others = [
         other
@@ -212,7 +212,7 @@ class _RestingRows:
 
     @classmethod
     def of(cls, dataset: Dataset, model: mujoco.MjModel) -> "_RestingRows | None":
-        """Compute the loads in the rows of a dataset in which it rests; None where these are too few."""
+        """Compute the loads in the resting rows of a dataset; None if there are too few."""
         rows = _find_resting_rows(
             dataset, np.array([find_radian_equivalent(dataset, model, joint) for joint in dataset.joints])
         )

@@ -114,7 +114,7 @@ class Simulator(Protocol):
     def rollout_settled(
         self, initial: np.ndarray, commands: np.ndarray, initial_loads: np.ndarray | None = None
     ) -> np.ndarray:
-        """Do as `rollout`, with play, springs and setpoints initially settled under a load.
+        """Simulate as `rollout`, with play, springs and setpoints initially settled under a load.
 
         Args:
             initial: As for `rollout`.

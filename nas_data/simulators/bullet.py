@@ -72,17 +72,17 @@ class BulletSimulator:
     def predict(self, states: np.ndarray, commands: np.ndarray, continues: np.ndarray | None = None) -> np.ndarray:
         """Simulate independent transitions; see `Simulator.predict`."""
         self.compiled.check(states, commands)
-        return self._roll(states, np.asarray(commands)[:, None])[:, 0]
+        return self._simulate_rollouts(states, np.asarray(commands)[:, None])[:, 0]
 
     def rollout(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
         """Simulate whole episodes in open loop; see `Simulator.rollout`."""
         self.compiled.check(initial, commands)
-        return self._roll(initial, commands)
+        return self._simulate_rollouts(initial, commands)
 
     def rollout_settled(
         self, initial: np.ndarray, commands: np.ndarray, initial_loads: np.ndarray | None = None
     ) -> np.ndarray:
-        """Do as `rollout`: initial settling is not supported on this engine."""
+        """Simulate as `rollout`: initial settling is not supported on this engine."""
         return self.rollout(initial, commands)
 
     def stepper(self, size: int) -> "BulletStepper":
@@ -97,7 +97,7 @@ class BulletSimulator:
         """Close the simulator's world, as garbage collection does."""
         self._arm.world.close()
 
-    def _roll(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
+    def _simulate_rollouts(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
         """Roll out from states (B, 2n or 2n + m) under commands (B, T, n), one simulation after the other."""
         states = np.asarray(initial, float)
         full = self.rest(states)

@@ -162,7 +162,7 @@ class Followers:
         return Slack(solved[:, self.qpos], offsets, qvel[:, self.dofs] - speeds[:, self.dofs])
 
     def place_with_slack(self, slack: Slack, qpos: np.ndarray, qvel: np.ndarray) -> None:
-        """Do as `place`, starting from an earlier solution, then add the deviation of that time."""
+        """Place the followers from an earlier solution, then add their deviation at that time."""
         qpos[:, self.qpos] = slack.solution
         self.place(qpos, qvel)
         self.shift(qpos, np.ones(len(qpos), bool), slack.offsets)
@@ -212,7 +212,7 @@ def keep_equalities(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def find_ties(equalities: mujoco.MjModel, joint_space: bool) -> np.ndarray:
-    """Return which degrees of freedom each row of the constraints depends on, shape (rows, nv).
+    """Return a mask of the degrees of freedom that each constraint row depends on, shape (rows, nv).
 
     Args:
         equalities: The model with equality constraints only.
@@ -247,7 +247,7 @@ def make_generic_posture(model: mujoco.MjModel) -> np.ndarray:
 
 
 def find_position_indices(model: mujoco.MjModel, joint: int) -> np.ndarray:
-    """Return the indices of a joint's positions in `qpos`."""
+    """Return the indices of a joint's positions in `qpos`, shape (1,), (4,) or (7,)."""
     width = {int(mujoco.mjtJoint.mjJNT_FREE): 7, int(mujoco.mjtJoint.mjJNT_BALL): 4}.get(int(model.jnt_type[joint]), 1)
     return int(model.jnt_qposadr[joint]) + np.arange(width)
 

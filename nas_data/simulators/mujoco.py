@@ -149,9 +149,8 @@ class MujocoSimulator:
             commands: Shape (B, T, n).
             initial_loads: Initial load of each joint (an `InitialLoad`), shape (B, n); no load if None.
             torque_off_from: Control steps after which the servos are switched off, shape (B,); never if None.
-            earlier_commands: Commands of the L control periods before the start, shape (B, L, n). Where they
-                are unknown (NaN or None), an arm in motion is given its first command, an arm at rest the command that
-                holds it.
+            earlier_commands: Commands of the L control periods before the start, shape (B, L, n). Unknown ones (NaN or
+                None) are the first command for an arm in motion, or the command that holds an arm at rest.
         """
         self.compiled.check(initial, commands)
         if not commands.shape[1]:
@@ -238,7 +237,7 @@ class MujocoSimulator:
         return np.asarray(full[:, self.substeps - 1 :: self.substeps])
 
     def _simulate_shutdown(self, states: np.ndarray, controls: np.ndarray, torque_off_from: np.ndarray) -> np.ndarray:
-        """Do as `_simulate`, but switch the servos off after `torque_off_from` control steps, shape (B,)."""
+        """Simulate, but switch the servos off after `torque_off_from` control steps, shape (B,)."""
         if self.hooks:
             shutdown = ServoShutdown(self.model.opt.disableactuator, torque_off_from)
             return roll_out_with_hooks(
@@ -256,11 +255,7 @@ class MujocoSimulator:
         return ends
 
     def _check_time(self, ends: np.ndarray, unstable: list[str]) -> None:
-        """Refuse diverged rollouts, whose simulated time is wrong: MuJoCo stopped or reset them.
-
-        Raises:
-            ModelFileError: names the first diverged simulation and its time.
-        """
+        """Raise ModelFileError for the first rollout with a wrong time: MuJoCo stopped or reset diverged ones."""
         expected = self.period * (1 + np.arange(ends.shape[1]))
         stopped = np.abs(ends[..., 0] - expected) > 0.1 * self.model.opt.timestep * (1 + np.arange(ends.shape[1]))
         stopped |= ~np.isfinite(ends).all(axis=-1)

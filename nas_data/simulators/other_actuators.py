@@ -1,4 +1,4 @@
-"""What moves a joint beside the actuator that commands it: tendons, sites, bodies, second servos and constraints."""
+"""Drives of a joint other than its commanded actuator: tendons, sites, bodies, second servos and constraints."""
 
 from collections.abc import Collection
 
@@ -16,7 +16,7 @@ PROPORTIONAL = 4  # index of a controller's proportional gain in `gainprm` of a 
 
 
 def explain_missing_actuator(model: mujoco.MjModel, joint: int, name: str) -> str:
-    """Return the error for a joint that no actuator drives by itself, with what to do.
+    """Return the error message, with a remedy, for a joint without an actuator of its own.
 
     Args:
         model: Compiled model.
@@ -41,9 +41,9 @@ def explain_missing_actuator(model: mujoco.MjModel, joint: int, name: str) -> st
 
 
 def find_leader(model: mujoco.MjModel, joint: int) -> str | None:
-    """Return which joint a joint follows by an active equality, in quotes; None if it follows none.
+    """Return the quoted name of the joint that a joint follows by an active equality; None if it follows none.
 
-    Where a tendon or a closed loop ties it to several joints with actuators, all of them are named.
+    If a tendon or closed loop ties it to several actuated joints, all are named.
     """
     if (leader := _find_joint_leader(model, joint)) is not None:
         return f"'{model.joint(leader).name}'"
@@ -62,14 +62,14 @@ def _find_joint_leader(model: mujoco.MjModel, joint: int) -> int | None:
 def warn_of_held_actuators(
     model: mujoco.MjModel, joints: Collection[int], commanded: Collection[int], name: str
 ) -> None:
-    """Warn, once, of each actuator that no command reaches and that pulls a commanded joint to its reference.
+    """Warn once of each uncommanded actuator that pulls a commanded joint to its reference.
 
-    Actuators without a force at rest, such as motors and dampers, change nothing.
+    Actuators without a force at rest, such as motors and dampers, are harmless.
 
     Args:
         model: Compiled model.
         joints: Indices of the commanded joints.
-        commanded: Indices of the actuators that take the commands.
+        commanded: Indices of the commanded actuators.
         name: Name of the model.
     """
     if set(np.flatnonzero(model.actuator_ctrlnum > 0).tolist()) <= set(commanded):
@@ -89,7 +89,7 @@ def warn_of_held_actuators(
 
 
 def pulls(model: mujoco.MjModel, actuator: int) -> bool:
-    """Whether an actuator has a force that depends on its length while its control rests."""
+    """Whether an actuator has a length-dependent force at zero control."""
     gain, bias = int(model.actuator_gaintype[actuator]), int(model.actuator_biastype[actuator])
     if gain in SPRINGS:
         return bool(model.actuator_gainprm[actuator, PROPORTIONAL] or model.actuator_biasprm[actuator, 1])
@@ -97,7 +97,7 @@ def pulls(model: mujoco.MjModel, actuator: int) -> bool:
 
 
 def find_reaching_actuators(model: mujoco.MjModel, dofs: Collection[int]) -> dict[int, list[int]]:
-    """Return the actuators with a control that move some degrees of freedom, by any transmission, and which they move.
+    """Return the actuators with control that move given degrees of freedom, and which they move.
 
     Args:
         model: Compiled model.

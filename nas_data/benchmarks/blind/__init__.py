@@ -1,1 +1,1 @@
-"""The blind benchmark: hidden effects on independent plants, and the grading of what a workflow says about them."""
+"""The blind benchmark: effects hidden in independent plants, and the grading of a workflow's report on them."""

@@ -1,4 +1,4 @@
-"""Nominal arms as MJCF: any drawn serial one, and those of the XL-320's size: the Ergo Jr, or random joints."""
+"""Nominal arms as MJCF: arbitrary serial arms, and those of the XL-320's size (the Ergo Jr or random joints)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,11 +11,11 @@ from nas_data.robots.base import find_robot
 JOINTS = 6
 GRAVITY = 9.81  # [m/s²]
 TIMESTEP = 0.002  # [s]
-RANGE = 1.57  # [rad] of commands, either way
-# Rhoban/bam's XL-320 (m1), about which the servos of random arms are drawn
+RANGE = 1.57  # [rad] half range of commands
+# Rhoban/bam's XL-320 (m1); the servos of random arms are drawn around it
 GAIN, LIMIT = 0.336, 0.208  # [N m/rad], [N m]
 ARMATURE, FRICTION = 0.00112, 0.0275  # [kg m²], [N m]
-SPARE = 2.5  # torque limit over the largest gravity torque: a servo that is weaker than its arm is no design
+SPARE = 2.5  # torque limit over the largest gravity torque: a servo must hold its own arm
 WIDTH = 0.024  # [m] of a link's box, that of an XL-320
 
 
@@ -23,7 +23,7 @@ WIDTH = 0.024  # [m] of a link's box, that of an XL-320
 class NominalArm:
     """A nominal arm."""
 
-    name: str  # what it is called in the dataset
+    name: str  # name in the dataset
     xml: str  # plain MJCF: serial, no contacts, no joint limits, a servo or motor and a sensor `<joint>.pos` each
     joints: tuple[str, ...]  # names from the base on
 
@@ -38,11 +38,11 @@ class NominalArm:
 
 @dataclass(frozen=True)
 class Link:
-    """A link and the joint that carries it, as MJCF has them."""
+    """A link and the joint that carries it, as MJCF attributes."""
 
-    place: str  # of its joint in the link before [m]
-    axis: str  # of its joint
-    geom: str  # attributes of its shape: type, size [m], place of its centre [m], mass [kg]
+    place: str  # position of its joint in the parent link's frame [m]
+    axis: str  # axis of its joint
+    geom: str  # attributes of its shape: type, size [m], position of its centre [m], mass [kg]
     sliding: bool = False  # whether its joint slides rather than turns
 
 
@@ -51,7 +51,7 @@ class JointDrive:
     """A joint's drive."""
 
     gain: float  # position gain [N m/rad]
-    own: float  # damping of the servo's own, within its saturation [N m s/rad]
+    own: float  # damping inside the servo, subject to its torque limit [N m s/rad]
     limit: float  # largest torque [N m]
     armature: float  # reflected inertia [kg m²]
     damping: float  # of the joint [N m s/rad]
@@ -60,17 +60,17 @@ class JointDrive:
 
 @dataclass(frozen=True)
 class Style:
-    """How a model is written."""
+    """How a model is written in MJCF."""
 
     timestep: float  # [s]
-    integrator: str  # MuJoCo's word
+    integrator: str  # MuJoCo's name of it
     spelling: str  # `position`, `general` or, for torques, `motor`
-    control: float | None  # commanded positions' half range [rad]; None for no range
-    suffix: str = "_servo"  # of an actuator's name behind its joint's
+    control: float | None  # half range of commanded positions [rad]; None for no range
+    suffix: str = "_servo"  # an actuator's name is its joint's with this suffix
 
 
 def to_mjcf(joints: Sequence[str], links: Sequence[Link], servos: Sequence[JointDrive], style: Style) -> str:
-    """Write an arm; without servos where none are given."""
+    """Write an arm as MJCF; without actuators if `servos` is empty."""
     bodies = ""
     for row in reversed(range(len(joints))):
         drive = format_joint_attributes(servos[row], style) if servos else ""
@@ -90,7 +90,7 @@ def to_mjcf(joints: Sequence[str], links: Sequence[Link], servos: Sequence[Joint
 
 
 def format_joint_attributes(servo: JointDrive, style: Style) -> str:
-    """Return a joint's attributes; its friction is as hard as the timestep allows, for gears do not creep."""
+    """Return a joint's attributes; friction is as stiff as the timestep allows, because gears do not creep."""
     return (
         f' damping="{servo.damping:.6g}" armature="{servo.armature:.6g}" frictionloss="{servo.friction:.6g}" '
         f'solimpfriction="0.99 0.99 0.001" solreffriction="{2 * style.timestep} 1"'
@@ -98,7 +98,7 @@ def format_joint_attributes(servo: JointDrive, style: Style) -> str:
 
 
 def format_actuator(joint: str, servo: JointDrive, style: Style) -> str:
-    """Return a servo or motor."""
+    """Return the MJCF element of a servo or motor."""
     law = {
         "position": f'kp="{servo.gain:.6g}" kv="{servo.own:.6g}"',
         "general": f'gainprm="{servo.gain:.6g}" biastype="affine" biasprm="0 {-servo.gain:.6g} {-servo.own:.6g}"',
@@ -110,12 +110,12 @@ def format_actuator(joint: str, servo: JointDrive, style: Style) -> str:
 
 
 def draw_arm(rng: np.random.Generator) -> NominalArm:
-    """Return the Ergo Jr in half of all draws, else a random arm."""
+    """Return the Ergo Jr or, with equal probability, a random arm."""
     return build_ergojr() if rng.random() < 0.5 else draw_random_arm(rng)
 
 
 def build_ergojr() -> NominalArm:
-    """Return the Ergo Jr without floor, contacts and joint limits, which no plant has."""
+    """Return the Ergo Jr without floor, contacts and joint limits, which the plants do not model."""
     robot = find_robot("ergojr")
     spec = robot.spec()
     for geom in list(spec.geoms):
@@ -131,7 +131,7 @@ def build_ergojr() -> NominalArm:
 
 
 def draw_random_arm(rng: np.random.Generator, count: int = JOINTS) -> NominalArm:
-    """Return joints with random axes, lengths, masses and servos, each servo strong enough for its place."""
+    """Draw axes, lengths, masses and servos; each servo can hold the links beyond it."""
     axes = draw_axes(rng, count)
     lengths = np.exp(rng.uniform(np.log(0.03), np.log(0.12), count))
     masses = rng.uniform(0.008, 0.022, count)
@@ -151,7 +151,7 @@ def draw_random_arm(rng: np.random.Generator, count: int = JOINTS) -> NominalArm
 
 
 def draw_axes(rng: np.random.Generator, count: int) -> list[int]:
-    """Draw which axis each joint turns about (0 x, 1 y, 2 z); the first upright or not, no three alike in a row."""
+    """Draw the axis of each joint (0 x, 1 y, 2 z), with at most two equal axes in a row."""
     axes = [int(rng.choice([2, 2, 1]))]
     while len(axes) < count:
         axis = int(rng.choice([0, 1, 2], p=[0.4, 0.4, 0.2]))
@@ -161,16 +161,16 @@ def draw_axes(rng: np.random.Generator, count: int) -> list[int]:
 
 
 def compute_gravity_and_inertia(lengths: np.ndarray, masses: np.ndarray) -> tuple[float, float]:
-    """Return the gravity torque [N m] and inertia [kg m²] about the first joint of links stretched out level."""
+    """Return gravity torque [N m] and inertia [kg m²] of horizontally stretched links about the first joint."""
     centres = np.cumsum(lengths) - lengths / 2
     return float(GRAVITY * (masses * centres).sum()), float((masses * (centres**2 + lengths**2 / 12)).sum())
 
 
 def draw_servo(rng: np.random.Generator, torque: float, inertia: float) -> JointDrive:
-    """Draw a servo: an XL-320 give or take, scaled up where the arm beyond it needs more."""
+    """Draw a servo near an XL-320, scaled up where the links beyond it need more torque."""
     scale = max(1.0, SPARE * torque / LIMIT)
     gain, limit, armature, friction = rng.uniform(0.75, 1.35, 4).tolist()
     gain, armature = GAIN * scale * gain, ARMATURE * scale * armature
     loss = 2 * rng.uniform(0.6, 1.1) * float(np.sqrt(gain * (armature + inertia / 2)))
-    own = float(rng.choice([0.0, rng.uniform(0.3, 0.8)]))  # part of the damping that is the servo's
+    own = float(rng.choice([0.0, rng.uniform(0.3, 0.8)]))  # share of the damping that is inside the servo
     return JointDrive(gain, own * loss, LIMIT * scale * limit, armature, (1 - own) * loss, FRICTION * scale * friction)

@@ -1,4 +1,4 @@
-"""The blind benchmark: every family on every plant, one JSON file a finished case, which is never done again."""
+"""The blind benchmark: every family on every plant, one JSON file per finished case, which is not run again."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -18,19 +18,19 @@ RESULTS, FOLDERS = "results", "cases"
 
 @dataclass(frozen=True)
 class BlindPlan:
-    """What is run."""
+    """Cases and baselines to run."""
 
     families: tuple[str, ...]  # families of cases
     plants: tuple[str, ...]  # plants that play them
     cases: int  # cases of each family on each plant
     seed: int  # master seed
-    faint: bool = False  # whether effects too small to be named may hide, for the power curve
-    baselines: tuple[str, ...] = ()  # methods that are given the same cases
-    keep: bool = False  # whether the datasets stay
-    setting: str = DEFAULT  # what the cases look like
+    faint: bool = False  # whether effects too small to be named may be hidden, for the power curve
+    baselines: tuple[str, ...] = ()  # names of the baselines that get the same cases
+    keep: bool = False  # whether to keep the datasets
+    setting: str = DEFAULT  # setting that the cases are drawn from
 
     def check(self) -> None:
-        """Say what is wrong before hours are spent.
+        """Check the plan before hours are spent.
 
         Raises:
             UnknownName: there is no such family, plant, baseline or setting.
@@ -48,7 +48,7 @@ class BlindPlan:
             raise OptionError("The benchmark needs at least one family, one plant and one case.")
 
     def identities(self) -> Iterator[Identity]:
-        """Return the cases, families in turn, so that an interrupted benchmark has some of each."""
+        """Yield the cases, alternating between families, so that an interrupted benchmark has some of each."""
         for number in range(self.cases):
             for family in self.families:
                 for plant in self.plants:
@@ -59,10 +59,10 @@ def run(plan: BlindPlan, out: Path, investigate: Investigate, report: Callable[[
     """Run every case that is not finished yet and return the records of all.
 
     Args:
-        plan: What is run.
-        out: `results/` holds a JSON file a finished case, `cases/` their folders.
+        plan: Cases to run.
+        out: `results/` holds one JSON file per finished case, `cases/` their folders.
         investigate: The workflow under test.
-        report: Told of each case in a sentence.
+        report: Called with a sentence on each case.
 
     Raises:
         UnknownName, OptionError: the plan cannot be run.
@@ -75,7 +75,7 @@ def run(plan: BlindPlan, out: Path, investigate: Investigate, report: Callable[[
 def run_cases(
     identities: Sequence[Identity], judge: Judge, out: Path, report: Callable[[str], None]
 ) -> list[CaseRecord]:
-    """Run those of some cases that are not finished yet and return the records of all; see `run`."""
+    """Run the unfinished ones of some cases and return the records of all; arguments as for `run`."""
     paths = {identity: out / RESULTS / f"{identity.name}.json" for identity in identities}
     known = {identity: record for identity, path in paths.items() if (record := CaseRecord.read(path)) is not None}
     check_code(known, out)
@@ -92,7 +92,7 @@ def run_cases(
 
 
 def tell(record: CaseRecord) -> str:
-    """Return a finished case in one line."""
+    """Describe a finished case in one line."""
     found = record.outcome
     if isinstance(found, CaseFailure):
         return f"{record.case}: {found.fault}"
@@ -104,5 +104,5 @@ def tell(record: CaseRecord) -> str:
 
 
 def format_effects(names: Sequence[Name]) -> str:
-    """Return effects as words."""
+    """Format effects for a sentence."""
     return ", ".join(f"{effect} {joint}" if joint else effect for effect, joint in names) or "nothing"

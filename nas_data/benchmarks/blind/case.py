@@ -1,4 +1,4 @@
-"""A case of the benchmark, which follows from family, plant, number and master seed, and its sealed answer."""
+"""A case of the benchmark, determined by family, plant, number and master seed, and its sealed answer."""
 
 import hashlib
 from collections.abc import Callable, Mapping
@@ -15,36 +15,36 @@ Name = tuple[str, str | None]  # effect, joint; None for the whole arm
 
 @dataclass(frozen=True)
 class Sensor:
-    """What a servo reports of its joint."""
+    """What a servo measures at its joint."""
 
     noise: float  # standard deviation of a position before rounding [rad]
     quantum: float  # resolution of a position [rad]; 0 for an exact one
-    floor: float  # what of it counts as the noise floor [rad]
+    floor: float  # RMS error that counts as the noise floor [rad]
     # standard deviation of a measured speed [rad/s]; None where speeds are differences of positions
     speed_noise: float | None = None
 
     def positions(self, true: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return reported positions [rad]: noise, then rounding."""
+        """Return measured positions [rad]: noise, then rounding."""
         noisy = true + self.noise * rng.standard_normal(true.shape)
         return np.round(noisy / self.quantum) * self.quantum if self.quantum else noisy
 
     def speeds(self, true: np.ndarray, rng: np.random.Generator) -> np.ndarray | None:
-        """Return reported speeds [rad/s]; None where none is measured."""
+        """Return measured speeds [rad/s]; None if none are measured."""
         return None if self.speed_noise is None else true + self.speed_noise * rng.standard_normal(true.shape)
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """What holds for every episode of a case."""
+    """Recording conditions, the same for every episode of a case."""
 
     rate: float  # control rate [Hz]
     seconds: float  # length of an episode [s]
-    episodes: int  # how many are handed over
-    fresh: int  # how many are kept back
-    settle: float  # for how long the first pose is commanded before an episode begins [s]
+    episodes: int  # number of episodes handed over
+    fresh: int  # number of episodes kept back
+    settle: float  # time for which the first pose is commanded before an episode begins [s]
     signal: str  # name of the command signal
     sensor: Sensor  # what the servos report
-    # into how many episodes each motion under commanded torques is cut, all of which begin in motion; 0 where positions
+    # number of episodes that each motion under commanded torques is cut into (they begin in motion); 0 where positions
     # are commanded and episodes begin at rest
     pieces: int = 0
 
@@ -59,24 +59,24 @@ class Conditions:
         return round(self.seconds * self.rate)
 
 
-BASE_SHARE = 0.1  # half range of the factors on the model's own parameters: DESIGN says a few to ten percent
+BASE_SHARE = 0.1  # half range of the factors on the model's own parameters; DESIGN asks for a few to ten percent
 
 
 @dataclass(frozen=True)
 class Hidden:
     """One hidden effect."""
 
-    effect: str  # its name, as the contract's table has it, or one of those outside the table
-    joint: str | None  # joint that it sits in; None where it belongs to the whole arm
+    effect: str  # its name in the contract's table, or a name outside the table
+    joint: str | None  # its joint; None for the whole arm
     parameters: Mapping[str, float]  # values in the units of the table
 
 
 @dataclass(frozen=True)
 class Base:
-    """Factors on the parameters that the model has, one a link or joint."""
+    """Factors on the nominal model's own parameters, one per link or joint."""
 
     mass: tuple[float, ...]  # on mass and inertia of each moving link
-    damping: tuple[float, ...]  # on joint damping and the servo's own, together
+    damping: tuple[float, ...]  # on joint damping and the servo's damping together
     armature: tuple[float, ...]  # on the rotors' reflected inertia
     stiffness: tuple[float, ...]  # on the position gains
 
@@ -95,13 +95,13 @@ class Base:
 
 @dataclass(frozen=True)
 class Truth:
-    """Everything in which a plant differs from its nominal model."""
+    """All differences between a plant and its nominal model."""
 
     base: Base  # factors on the model's own parameters
     hidden: tuple[Hidden, ...] = ()  # effects that the model lacks
 
     def without(self, index: int) -> "Truth":
-        """Return the truth with one hidden effect taken away."""
+        """Return the truth without one hidden effect."""
         return replace(self, hidden=self.hidden[:index] + self.hidden[index + 1 :])
 
 
@@ -110,8 +110,8 @@ class CommandSequence:
     """Commands of E episodes of n joints."""
 
     commands: np.ndarray  # positions [rad] or torques [N m], shape (E, T, n)
-    poses: np.ndarray  # commanded before each episode, or where it begins [rad], shape (E, n)
-    # how fast the links are when it begins [rad/s], shape (E, n); None where they rest
+    poses: np.ndarray  # pose commanded before each episode, or its first pose [rad], shape (E, n)
+    # first velocities [rad/s], shape (E, n); None for rest
     start_speeds: np.ndarray | None = None
 
     def __getitem__(self, episodes: slice) -> "CommandSequence":
@@ -120,7 +120,7 @@ class CommandSequence:
         return CommandSequence(self.commands[episodes], self.poses[episodes], speeds)
 
 
-# plant, truth → what is played; a controller's commands depend on both
+# plant, truth → commands to play; a controller's commands depend on both
 Script = Callable[[str, Truth], CommandSequence]
 
 
@@ -132,7 +132,7 @@ class HiddenEntry:
     joint: str | None  # its joint; None for the whole arm
     parameters: Mapping[str, float]  # parameter → value
     mark: float  # RMS change of the position, as a multiple of the noise floor
-    marked_joint: str  # joint on which the mark was measured
+    marked_joint: str  # joint at which the mark was measured
     # other names that no recording could distinguish from it; None if there are none
     equals: tuple[Name, ...] | None = field(default=None, metadata={"optional": True})
 
@@ -144,9 +144,9 @@ class HiddenEntry:
 
 @dataclass(frozen=True)
 class SealedAnswer:
-    """Everything that a workflow is not given."""
+    """Everything that is withheld from a workflow."""
 
-    case: str  # name of the case; the following six entries are those of its `Identity`
+    case: str  # name of the case; the next six fields are those of its `Identity`
     family: str
     plant: str
     number: int
@@ -161,22 +161,22 @@ class SealedAnswer:
     base: Base  # factors on the model's own parameters
 
 
-EVERY = "every"  # family whose effect hides in every joint
-# how many effects of the contract's table hide in a case of each family
+EVERY = "every"  # family in which one effect is hidden in every joint
+# number of effects of the contract's table that are hidden in a case of each family
 FAMILIES = {"none": 0, "one": 1, "two": 2, "three": 3, "outside": 1, EVERY: 1}
-ALIKE = 1e-6  # of the torque limit: gravity torque on an axis that gravity does not load
-DEFAULT = "xl320"  # setting whose cases are named without it, as they were before there were others
+ALIKE = 1e-6  # gravity torque of an axis that counts as unloaded, relative to the torque limit
+DEFAULT = "xl320"  # setting that case names leave out
 
 
 @dataclass(frozen=True)
 class Identity:
-    """What names a case."""
+    """Everything that determines a case."""
 
     family: str  # one of `FAMILIES`
-    plant: str  # what plays it
+    plant: str  # plant that plays it
     number: int  # its number in the family, from zero
     seed: int  # master seed of the benchmark
-    faint: bool = False  # whether effects too small to be named may hide, for the power curve
+    faint: bool = False  # whether effects too small to be named may be hidden, for the power curve
     setting: str = DEFAULT  # file of `settings/` that draws it
 
     def __post_init__(self) -> None:
@@ -185,35 +185,35 @@ class Identity:
 
     @property
     def name(self) -> str:
-        """Name of its folder."""
+        """Name of the case's folder."""
         sort = f"{'power-' if self.faint else ''}{'' if self.setting == DEFAULT else f'{self.setting}-'}"
         return f"{sort}{self.family}-{self.plant}-{self.seed}-{self.number:04d}"
 
     def stream(self, purpose: str) -> np.random.Generator:
-        """Return a source of randomness of its own for one purpose, by SHA-256."""
+        """Return an independent random generator for one purpose, seeded by SHA-256."""
         digest = hashlib.sha256(f"{self.name}/{purpose}".encode()).digest()
         return np.random.default_rng(np.frombuffer(digest, np.uint32).tolist())
 
 
 @dataclass(frozen=True)
 class Episodes:
-    """Commands and what the plant did."""
+    """Commands and the plant's motion."""
 
     commands: np.ndarray  # commanded positions [rad] or torques [N m], shape (E, T, n)
-    poses: np.ndarray  # commanded before each episode, or where it begins [rad], shape (E, n)
-    positions: np.ndarray  # where the links were before the first command and after each [rad], shape (E, T + 1, n)
-    readings: np.ndarray  # the same as the sensors reported it [rad]
-    # as they were reported [rad/s], shape (E, T + 1, n); None where they are to be differenced
+    poses: np.ndarray  # pose commanded before each episode, or its first pose [rad], shape (E, n)
+    positions: np.ndarray  # true positions before the first command and after each [rad], shape (E, T + 1, n)
+    readings: np.ndarray  # measured positions [rad], shape (E, T + 1, n)
+    # measured speeds [rad/s], shape (E, T + 1, n); None if they are to be differences of positions
     speeds: np.ndarray | None = None
-    # how fast the links were before the first command [rad/s], shape (E, n); None where they rested
+    # true speeds before the first command [rad/s], shape (E, n); None for rest
     start_speeds: np.ndarray | None = None
 
     @property
     def starts(self) -> np.ndarray:
-        """Where who plays an episode starts, positions [rad] then speeds [rad/s], shape (E, 2n).
+        """Initial states for a prediction, positions [rad] then speeds [rad/s], shape (E, 2n).
 
-        At the first reading, at rest; where the episode began in motion, at what was true: an error of the start would
-        stay, for no position is commanded, and the model is judged, not the start.
+        These are the first readings at rest. Episodes that begin in motion start from the true state: under torque
+        commands an initial error persists, and the model is to be judged, not the initial state.
         """
         if self.start_speeds is None:
             return np.concatenate([self.readings[:, 0], np.zeros_like(self.poses)], axis=1)
@@ -226,10 +226,10 @@ class Case:
 
     identity: Identity  # what names it
     arm: NominalArm  # nominal arm
-    conditions: Conditions  # under what it was recorded
-    truth: Truth  # what hides in the plant
-    marks: tuple[float, ...]  # what each hidden effect does to the positions, as a multiple of the noise floor
-    marked_joints: tuple[str, ...]  # joint on which each mark was measured
+    conditions: Conditions  # recording conditions
+    truth: Truth  # hidden effects and base errors of the plant
+    marks: tuple[float, ...]  # RMS change of the positions by each hidden effect, as a multiple of the noise floor
+    marked_joints: tuple[str, ...]  # joint at which each mark was measured
     recorded: Episodes  # episodes that are handed over
     fresh: Episodes  # episodes that are never handed over
 
@@ -253,9 +253,9 @@ class Case:
 
 
 def find_equivalents(constants: Constants, hidden: Hidden) -> tuple[Name, ...] | None:
-    """Return other names of a hidden effect that no recording could distinguish from it; None if there are none.
+    """Return other names that no recording could distinguish from a hidden effect; None if there are none.
 
-    On a single axis that gravity does not load, a payload and a rotor inertia are one inertia.
+    On a single axis without gravity load, a payload and a rotor inertia have the same effect.
     """
     if len(constants.joints) > 1 or hidden.effect not in ("payload", "rotor_inertia") or has_gravity_load(constants):
         return None
@@ -263,7 +263,7 @@ def find_equivalents(constants: Constants, hidden: Hidden) -> tuple[Name, ...] |
 
 
 def has_gravity_load(constants: Constants) -> bool:
-    """Whether gravity acts along a slide's axis, or turns a hinge, of an arm of one joint."""
+    """Whether gravity acts on the joint of an arm of one joint."""
     axis = constants.turns[0] @ constants.axes[0]
     weight = constants.masses[0] * constants.gravity
     along, across = weight @ axis, np.linalg.norm(np.cross(axis, weight))

@@ -1,4 +1,4 @@
-"""What can be hidden, where, and how large: every effect's parameters, drawn over physically sensible ranges."""
+"""Effects that can be hidden: where, and their parameters drawn over physically sensible ranges."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ class Span:
 
     low: float  # its lower end
     high: float  # its upper end
-    faint: float  # how far the range goes where effects too small to be named are wanted, too
+    faint: float  # replaces the low (or high) end where effects too small to be named are wanted, too
 
     def draw(self, rng: Rng, faint: bool) -> float:
         """Draw a value."""
@@ -28,31 +28,31 @@ class Span:
 
 @dataclass(frozen=True)
 class EffectDraw:
-    """How one effect is drawn."""
+    """How an effect is drawn."""
 
-    draw: Draw  # returns its parameters for a joint (by index); told whether faint effects are wanted
-    per_joint: bool = True  # whether it may sit in one joint
-    whole_arm: bool = False  # whether it may belong to the whole arm
-    apart: str = ""  # effects of one such word never share a joint: no data could tell them apart
+    draw: Draw  # returns its parameters for a joint (by index); the last argument: whether faint effects are wanted
+    per_joint: bool = True  # whether it can act in one joint
+    whole_arm: bool = False  # whether it can act on the whole arm
+    apart: str = ""  # effects with the same non-empty group never share a joint, because no data distinguish them
 
 
 def make_draw(name: str, span: Span) -> Draw:
-    """Return how a single positive parameter is drawn."""
+    """Return a function that draws a single positive parameter."""
     return lambda rng, constants, joint, faint: {name: span.draw(rng, faint)}
 
 
 def make_scaled_draw(name: str, of: Callable[[Constants], np.ndarray], span: Span) -> Draw:
-    """Return how a parameter is drawn as a multiple of a number of the joint."""
+    """Return a function that draws a parameter as a multiple of a property of the joint."""
     return lambda rng, constants, joint, faint: {name: float(of(constants)[joint]) * span.draw(rng, faint)}
 
 
 def draw_offset(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
-    """Half a degree to six, either way."""
+    """Draw an offset of 0.5° to 6° in either direction."""
     return {"offset": float(rng.choice([-1, 1])) * Span(0.009, 0.1, 0.0008).draw(rng, faint)}
 
 
 def draw_stribeck(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
-    """A break-away torque that the servo can overcome, falling to a fifth … three quarters of it."""
+    """Draw a break-away torque that the servo can overcome, and a kinetic friction of 20 to 70 % of it."""
     return {
         "torque": float(read_torque_limits(constants)[joint]) * Span(0.08, 0.4, 0.01).draw(rng, faint),
         "kinetic_ratio": float(rng.uniform(0.2, 0.7)),
@@ -61,30 +61,30 @@ def draw_stribeck(rng: Rng, constants: Constants, joint: int, faint: bool) -> Va
 
 
 def draw_gain_factor(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
-    """A gain beyond what ±25 % of the model's own explains, to either side."""
+    """Draw a gain factor further from 1 than the ±25 % that base errors explain."""
     weaker = rng.random() < 0.5
     return {"factor": (Span(0.3, 0.7, 0.7) if weaker else Span(1.4, 2.5, 1.4)).draw(rng, faint)}
 
 
 def draw_tilt(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
-    """One to fifteen degrees in a random direction."""
+    """Draw a tilt of 1° to 15° in a random direction."""
     angle, direction = Span(0.02, 0.26, 0.002).draw(rng, faint), rng.uniform(0, 2 * np.pi)
     return {"roll": float(angle * np.cos(direction)), "pitch": float(angle * np.sin(direction))}
 
 
 def draw_payload_mass(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
-    """A twentieth to a half of the arm's moving mass."""
+    """Draw a mass of 1/20 to 1/2 of the arm's moving mass."""
     return {"mass": float(constants.masses.sum()) * Span(0.05, 0.5, 0.004).draw(rng, faint)}
 
 
 def draw_cogging(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
-    """A torque that comes back eight to thirty times a turn."""
+    """Draw a torque with 8 to 30 periods per turn."""
     torque = float(read_torque_limits(constants)[joint]) * Span(0.1, 0.5, 0.01).draw(rng, faint)
     return {"torque": torque, "count": float(rng.integers(8, 31)), "phase": float(rng.uniform(0, 2 * np.pi))}
 
 
 def draw_cable(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
-    """A stiffness below the servo's own, slack over part of the joint's range."""
+    """Draw a stiffness below the servo's gain, slack over part of the joint's range."""
     return {
         "stiffness": float(constants.gain[joint]) * Span(0.08, 0.6, 0.01).draw(rng, faint),
         "angle": float(rng.uniform(-0.6, 0.6)),
@@ -93,7 +93,7 @@ def draw_cable(rng: Rng, constants: Constants, joint: int, faint: bool) -> Value
 
 
 def draw_swinging_load(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
-    """A weight of a tenth to a half of the arm's moving mass on 3 to 10 cm of string."""
+    """Draw a weight of 1/10 to 1/2 of the arm's moving mass on 3 to 10 cm of string."""
     return {
         "mass": float(constants.masses.sum()) * Span(0.1, 0.5, 0.01).draw(rng, faint),
         "length": float(rng.uniform(0.03, 0.1)),
@@ -102,12 +102,12 @@ def draw_swinging_load(rng: Rng, constants: Constants, joint: int, faint: bool) 
 
 
 def read_torque_limits(constants: Constants) -> np.ndarray:
-    """Return the servos' largest torques [N m]."""
+    """Return the servos' largest torques [N m], shape (n,)."""
     return constants.force[:, 1]
 
 
 def read_armature(constants: Constants) -> np.ndarray:
-    """Return the rotors' inertia [kg m²]."""
+    """Return the rotors' inertia [kg m²], shape (n,)."""
     return constants.armature
 
 
@@ -134,7 +134,7 @@ INSIDE: Mapping[str, EffectDraw] = {
     "payload": EffectDraw(draw_payload_mass, per_joint=False, whole_arm=True),
     "base_tilt": EffectDraw(draw_tilt, per_joint=False, whole_arm=True),
 }
-# what all joints may lack alike: a model without friction, or servos of another make
+# effects that all joints can have in common: a model without friction, or servos of another make
 EVERYWHERE = (
     "backlash", "coulomb_friction", "deadband", "load_friction", "rotor_inertia", "servo_stiffness", "viscous_friction"
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Drawing a case: arm, base errors, hidden effects whose marks can be seen, commands, and what the plant does."""
+"""Draw a case: arm, base errors, hidden effects with visible marks, commands, and the plant's motion."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -32,12 +32,12 @@ from nas_data.benchmarks.blind.settings.base import Episodes as EpisodesOf
 from nas_data.errors import OptionError, SimulationDiverged
 
 FAINTEST_MARK = 0.3  # multiples of the noise floor from which an effect counts in the power curve
-SCREEN = "numpy"  # plant on which what is outside the catalogue is tried first: not every plant can play it
-TRIES = 3  # sizes of an effect before another effect is drawn
-UNLIKE = 1.3  # of the sizes of an effect that every joint has: the largest over the smallest, at most
+SCREEN = "numpy"  # plant that sizes of effects outside the catalogue are tried on first; not every plant supports them
+TRIES = 3  # sizes tried before another effect is drawn
+UNLIKE = 1.3  # largest over smallest size of an effect that every joint has
 
 Show = Callable[[Sequence[Truth]], np.ndarray]  # truths → states (len(truths), E, T + 1, 2n)
-Group = tuple[Hidden, ...]  # one effect, in one place or in every joint
+Group = tuple[Hidden, ...]  # one effect, in one joint or in every joint
 
 
 @dataclass(frozen=True)
@@ -52,10 +52,10 @@ class EffectSizes:
 
 
 class EffectSampler:
-    """Hides effects in one case; remembers where its stream of randomness stands."""
+    """Draws hidden effects for one case; holds the state of its random generator."""
 
     def __init__(self, identity: Identity, setting: CaseSetting, arm: NominalArm, conditions: Conditions) -> None:
-        """Start the case's stream.
+        """Seed the case's random generator.
 
         Raises:
             OptionError: the setting hides no effect in every joint.
@@ -67,7 +67,7 @@ class EffectSampler:
         self.given = setting.given(identity, arm)
         self.constants = Constants.of(arm.model())
         self.screen = SCREEN if identity.family == "outside" else setting.screen
-        for hidden in self.given:  # sizes are drawn for the servos that the arm has, not for those of its model
+        for hidden in self.given:  # sizes refer to the arm's true servos, not to those of its model
             if hidden.effect == "servo_stiffness" and hidden.joint is not None:
                 self.constants.gain[arm.joints.index(hidden.joint)] *= hidden.parameters["factor"]
         self.kinds = setting.outside if identity.family == "outside" else setting.inside
@@ -79,18 +79,18 @@ class EffectSampler:
         self.least = FAINTEST_MARK if identity.faint else setting.least
 
     def hide(self, script: Script) -> tuple[Truth, CommandSequence, EffectSizes]:
-        """Draw what hides until each of it can be seen on the case's own plant.
+        """Draw hidden effects until each of them is visible on the case's own plant.
 
         Raises:
-            SimulationDiverged: it never can.
+            SimulationDiverged: no draw is visible.
         """
         base, groups = self._draw_base(), list[Group]()
         while len(groups) < FAMILIES[self.identity.family]:
-            groups.append(self._another(flatten(groups)))
+            groups.append(self._draw_other(flatten(groups)))
         tries = [1] * len(groups)
         for _ in range(self.setting.rounds):
             truth = Truth(base, (*self.given, *flatten(groups)))
-            tape, marks, unfit = self._seen(truth, script)
+            tape, marks, unfit = self._draw_visible(truth, script)
             unfit_groups = [
                 row for row, members in enumerate(number_groups(groups, len(self.given))) if members & unfit
             ]
@@ -103,37 +103,37 @@ class EffectSampler:
         raise SimulationDiverged(f"{self.identity.name} hides nothing that can be seen; use another number.")
 
     def show(self, plant: str, truths: Sequence[Truth], tape: CommandSequence) -> np.ndarray:
-        """Return states (len(truths), E, T + 1, 2n) of a tape on a plant."""
+        """Return states of a plant under commands, shape (len(truths), E, T + 1, 2n)."""
         period, settle = self.conditions.period, self.conditions.settle
         return find_plant(plant)(self.arm, truths, tape.commands, tape.poses, period, settle, tape.start_speeds)
 
     def _draw_base(self) -> Base:
-        """Draw the base errors; a motor gives the torque that it is told."""
+        """Draw the base errors; a motor's torque constant has none."""
         base = Base.draw(len(self.arm.joints), self.identity.stream("base"))
         return replace(base, stiffness=(1.0,) * len(self.arm.joints)) if self.conditions.pieces else base
 
-    def _seen(self, truth: Truth, script: Script) -> tuple[CommandSequence, EffectSizes, set[int]]:
-        """Return the marks, and which do not fit; a slow plant is asked only once the fast one sees them all."""
+    def _draw_visible(self, truth: Truth, script: Script) -> tuple[CommandSequence, EffectSizes, set[int]]:
+        """Return commands, marks and effects whose marks do not fit; a slow plant runs only once the fast one fits."""
         screened = self.identity.plant != self.screen and bool(truth.hidden)
         for plant in (self.screen, self.identity.plant) if screened else (self.identity.plant,):
             tape = script(plant, truth)
             marks = measure_marks(
                 partial(self.show, plant, tape=tape), truth, self.arm.joints, self.conditions.sensor.floor
             )
-            # what the setting gives is as large as it is
+            # effects given by the setting keep their size
             unfit = set(find_unfit_marks(marks.values, self.least, self.setting.most)) - set(range(len(self.given)))
             if unfit:
                 break
         return tape, marks, unfit
 
     def _redraw(self, groups: Sequence[Group], row: int, same: bool) -> Group:
-        """Return one of the effects in another size, or another effect in its stead."""
+        """Return an effect in another size, or another effect in its place."""
         if same:
             return self._draw_size(groups[row][0].effect, [hidden.joint for hidden in groups[row]])
-        return self._another(flatten([*groups[:row], *groups[row + 1 :]]))
+        return self._draw_other(flatten([*groups[:row], *groups[row + 1 :]]))
 
-    def _another(self, beside: Sequence[Hidden]) -> Group:
-        """Draw an effect, its place and its size; it can be told apart from those beside it."""
+    def _draw_other(self, beside: Sequence[Hidden]) -> Group:
+        """Draw an effect, its joint and its size, distinguishable from those in `beside`."""
         while True:
             effect = str(self.rng.choice(sorted(self.kinds)))
             kind = self.kinds[effect]
@@ -145,17 +145,17 @@ class EffectSampler:
                 return self._draw_size(effect, [joint])
 
     def _is_confusable(self, effect: str, joint: str | None, other: Hidden) -> bool:
-        """Whether two effects cannot be told apart: of one sort, in the same joint or in all of them."""
+        """Whether two effects cannot be distinguished: of the same group, in the same joint or in all joints."""
         sort, others = (self.kinds[name].apart or name for name in (effect, other.effect))
         return sort == others and (joint is None or other.joint is None or joint == other.joint)
 
     def _draw_size(self, effect: str, joints: Sequence[str | None]) -> Group:
-        """Draw an effect's size; in several joints one size, give or take."""
+        """Draw an effect's size; in several joints the sizes are similar."""
         draw, faint = self.kinds[effect].draw, self.identity.faint
         if self.identity.family != EVERY:
             row = 0 if joints[0] is None else self.constants.joints.index(joints[0])
             return (Hidden(effect, joints[0], draw(self.rng, self.constants, row, faint)),)
-        seed = int(self.rng.integers(2**32))  # the same numbers, so that only what the joint makes of them differs
+        seed = int(self.rng.integers(2**32))  # the same random numbers: sizes differ only by the joints' properties
         group = []
         for row, joint in enumerate(self.constants.joints):
             values = draw(np.random.default_rng(seed), self.constants, row, faint)
@@ -164,7 +164,7 @@ class EffectSampler:
 
 
 def scale_parameters(values: dict[str, float], distance: float) -> dict[str, float]:
-    """Return positive parameters that are further from nothing by a logarithmic distance; a factor further from 1."""
+    """Scale positive parameters away from the neutral value by a logarithmic distance; a factor away from 1."""
     return {
         name: value * float(np.exp(-distance if name == "factor" and value < 1 else distance))
         for name, value in values.items()
@@ -172,18 +172,18 @@ def scale_parameters(values: dict[str, float], distance: float) -> dict[str, flo
 
 
 def flatten(groups: Sequence[Group]) -> Group:
-    """Return all effects of groups."""
+    """Concatenate groups of effects."""
     return tuple(hidden for group in groups for hidden in group)
 
 
 def number_groups(groups: Sequence[Group], first: int) -> list[set[int]]:
-    """Return which numbers the effects of each group have, counted from the first on."""
+    """Return the indices of each group's effects, counted from `first`."""
     ends = np.cumsum([first, *map(len, groups)]).tolist()
     return [set(range(begin, end)) for begin, end in pairwise(ends)]
 
 
 def measure_marks(show: Show, truth: Truth, joints: Sequence[str], floor: float) -> EffectSizes:
-    """Simulate with all hidden effects, and without each of them; the floor is in radians."""
+    """Simulate with all hidden effects and without each of them; the noise floor is in radians."""
     played = show([truth, *(truth.without(index) for index in range(len(truth.hidden)))])
     positions = played[..., : len(joints)]
     changes = [np.sqrt(np.square(positions[0] - without).mean(axis=(0, 1))) / floor for without in positions[1:]]
@@ -198,26 +198,26 @@ def find_mark(change: np.ndarray, joints: Sequence[str], joint: str | None) -> t
 
 
 def find_unfit_marks(marks: Sequence[float], least: float, most: float) -> list[int]:
-    """Return the effects whose mark is below the least or above the most, or not finite."""
+    """Return the indices of marks below `least`, above `most` or not finite."""
     return [index for index, value in enumerate(marks) if not (least <= value <= most and value < np.inf)]
 
 
 def draw_case(family: str, plant: str, number: int, seed: int, faint: bool = False, setting: str = DEFAULT) -> Case:
-    """Draw a case; same arguments, same case.
+    """Draw a case; the same arguments give the same case.
 
     Args:
         family: `none`, `one`, `two`, `three` (hidden effects of the contract's table), `every` (one effect in every
             joint) or `outside` of the table.
         plant: `numpy`, `bullet` or `mujoco`.
-        number: Of the case.
+        number: Number of the case in its family.
         seed: Master seed.
-        faint: Draw marks from 0.3 floors upwards instead of the setting's least.
+        faint: Allow marks from 0.3 noise floors upwards instead of the setting's least.
         setting: File of `settings/`: `xl320`, `any` for other arms and recordings, `far`, `poor`, or `torque`.
 
     Raises:
         UnknownName: there is no such family, plant or setting.
         OptionError: the setting has no such family.
-        SimulationDiverged: no draw leaves marks that can be seen.
+        SimulationDiverged: no draw has visible marks.
     """
     identity = Identity(family, plant, number, seed, faint, setting)
     sort = find_setting(setting)
@@ -242,7 +242,7 @@ def draw_case(family: str, plant: str, number: int, seed: int, faint: bool = Fal
 def make_scripts(
     arm: NominalArm, conditions: Conditions, episodes: EpisodesOf, rng: np.random.Generator
 ) -> tuple[Script, Script]:
-    """Return what is handed over and what is kept back: commands as drawn, or what a controller makes of references."""
+    """Return the scripts of the episodes handed over and kept back: drawn commands, or a controller on references."""
     constants, counts = Constants.of(arm.model()), (conditions.episodes, conditions.fresh)
     if conditions.pieces:
         references, _ = episodes(conditions, sum(counts), find_reach(constants.sliding), rng)
@@ -255,13 +255,13 @@ def make_scripts(
 def simulate_measurements(
     tape: CommandSequence, states: np.ndarray, sensor: Sensor, streams: tuple[np.random.Generator, np.random.Generator]
 ) -> Episodes:
-    """Return episodes as they were recorded.
+    """Return the episodes with simulated sensor readings.
 
     Args:
-        tape: What was played.
+        tape: Played commands.
         states: True positions [rad], then velocities [rad/s], shape (E, T + 1, 2n).
-        sensor: What the servos report of them.
-        streams: Randomness of positions and of speeds.
+        sensor: Noise and resolution of the servos' sensors.
+        streams: Random generators of positions and of speeds.
     """
     positions, speeds = np.split(states, 2, axis=-1)
     return Episodes(

@@ -1,4 +1,4 @@
-"""Playing fresh episodes on a delivered model in plain MuJoCo, as anyone could, and how well it predicts them."""
+"""Play fresh episodes on a delivered model in plain MuJoCo, without this package's simulator, and score it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -23,19 +23,19 @@ SENSOR = ".pos"
 
 @dataclass(frozen=True)
 class Delivered:
-    """A model as it was delivered."""
+    """A model file delivered by a workflow."""
 
     model: mujoco.MjModel  # compiled
     rate: float  # control rate [Hz]
     actuators: tuple[int, ...]  # index of each joint's actuator
-    sensors: tuple[int, ...]  # where each joint's measured position lies among the sensors
-    # places in `qpos` that start at the first measured position: the joint's, and what its servo drives
+    sensors: tuple[int, ...]  # index in `sensordata` of each joint's measured position
+    # indices in `qpos` that start at the first measured position: the joint's, and what its servo drives
     rests: tuple[tuple[int, ...], ...]
-    moving: tuple[int, ...]  # place in `qvel` of each joint
+    moving: tuple[int, ...]  # index in `qvel` of each joint
 
     @classmethod
     def load(cls, file: Path, joints: Sequence[str], actuators: Sequence[str], rate: float) -> "Delivered":
-        """Load a model and find what the contract promises in it.
+        """Load a model and find the joints, actuators and sensors that the contract requires.
 
         Args:
             file: MJCF.
@@ -56,7 +56,7 @@ class Delivered:
     def of(
         cls, model: mujoco.MjModel, joints: Sequence[str], actuators: Sequence[str], rate: float, file: Path
     ) -> "Delivered":
-        """Find the same in a compiled model; the file is for errors alone."""
+        """Find them in a compiled model; `file` is used in errors only."""
         model.opt.timestep = 1 / rate / int(np.ceil(1 / rate / model.opt.timestep - 1e-6))
         servos = tuple(find(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name, file) for name in actuators)
         sensors = [find(model, mujoco.mjtObj.mjOBJ_SENSOR, joint + SENSOR, file) for joint in joints]
@@ -68,15 +68,15 @@ class Delivered:
         return cls(model, rate, servos, tuple(int(model.sensor_adr[sensor]) for sensor in sensors), rests, moving)
 
     def play(self, commands: np.ndarray, first: np.ndarray) -> np.ndarray:
-        """Return `<joint>.pos` after each command.
+        """Simulate commands and return `<joint>.pos` after each.
 
         Args:
             commands: Commanded positions [rad] or torques [N m], shape (E, T, n).
-            first: Positions [rad], then speeds [rad/s] with which each episode starts, shape (E, 2n); until then the
-                command was held at those positions, or no torque was told.
+            first: Initial positions [rad], then speeds [rad/s], shape (E, 2n). Commands before the episode are taken to
+                be those positions, or zero torque.
 
         Returns:
-            Positions [rad], shape (E, T, n); NaN from where a simulation left all bounds.
+            Positions [rad], shape (E, T, n); NaN from the step at which a simulation diverged.
         """
         return np.stack([self._simulate_episode(*pair) for pair in zip(commands, first, strict=True)])
 
@@ -97,16 +97,16 @@ class Delivered:
         for step, command in enumerate(commands):
             data.ctrl[controls] = command
             mujoco.mj_step(model, data, substeps)
-            if abs(data.time - (step + 1) / self.rate) > 0.5 / self.rate:  # the engine starts over after a divergence
+            if abs(data.time - (step + 1) / self.rate) > 0.5 / self.rate:  # the engine resets after a divergence
                 break
-            mujoco.mj_fwdPosition(model, data)  # a step leaves the sensors of its beginning
+            mujoco.mj_fwdPosition(model, data)  # after a step, `sensordata` holds the values of its beginning
             mujoco.mj_sensorPos(model, data)
             shown[step] = data.sensordata[list(self.sensors)]
         return shown
 
 
 def find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, file: Path) -> int:
-    """Return the index of a named thing."""
+    """Return the index of a named object."""
     index = int(mujoco.mj_name2id(model, kind, name))
     if index < 0:
         raise ModelFileError(
@@ -116,14 +116,14 @@ def find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, file: Path) -> i
 
 
 def find_qpos_index(model: mujoco.MjModel, actuator: int) -> tuple[int, ...]:
-    """Return the place in `qpos` of the joint that an actuator drives, which may be a goal beside the arm."""
+    """Return the index in `qpos` of the joint that an actuator drives, which may be a goal beside the arm."""
     if int(model.actuator_trntype[actuator]) != int(mujoco.mjtTrn.mjTRN_JOINT):
         return ()
     return (int(model.jnt_qposadr[model.actuator_trnid[actuator, 0]]),)
 
 
 def find_actuators(file: Path, joints: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the actuators that drive the joints of a nominal model.
+    """Return the names of the actuators of a nominal model's joints.
 
     Raises:
         JointMismatch: a joint has no named actuator.
@@ -141,36 +141,36 @@ Predict = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 @dataclass(frozen=True, kw_only=True)
 class FreshErrors:
-    """Errors of a prediction of the fresh episodes, RMSE [rad]."""
+    """Prediction errors on the fresh episodes, RMSE [rad]."""
 
     floor: float  # of a perfect prediction
-    after: float | None  # of the prediction; None where it left all bounds, or nothing could be predicted
+    after: float | None  # of the prediction; None if it diverged, or there is none
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModelErrors(FreshErrors):
-    """Errors of a delivered model, and of others beside it."""
+    """Errors of a delivered model, the nominal model and the oracle."""
 
-    before: float | None  # of the nominal model; None where it left all bounds
+    before: float | None  # of the nominal model; None if it diverged
     # why the delivered model cannot be used; None if it can
     fault: str | None = field(default=None, metadata={"optional": True})
-    least: float | None = None  # of who knows the answer; None where no model file says it
+    least: float | None = None  # of a model with the true parameters; None where no model file can express them
 
 
 @dataclass(frozen=True)
 class Fresh:
-    """Episodes that were kept back."""
+    """Episodes that are kept back from the workflow."""
 
     joints: tuple[str, ...]  # names of the measured joints
     rate: float  # control rate [Hz]
     commands: np.ndarray  # [rad, N m], shape (E, T, n)
     positions: np.ndarray  # True positions [rad], shape (E, T + 1, n)
-    readings: np.ndarray  # the same with noise and rounding
-    starts: np.ndarray  # where a prediction starts, positions [rad] then speeds [rad/s], shape (E, 2n)
+    readings: np.ndarray  # measured positions [rad], shape (E, T + 1, n)
+    starts: np.ndarray  # initial states of a prediction, positions [rad] then speeds [rad/s], shape (E, 2n)
 
     @classmethod
     def load(cls, folder: Path, joints: tuple[str, ...]) -> "Fresh":
-        """Read them from a case's folder."""
+        """Read the fresh episodes from a case's folder."""
         with np.load(folder / FRESH) as stored:
             readings = stored["readings"]
             still = np.concatenate([readings[:, 0], np.zeros_like(readings[:, 0])], axis=1)
@@ -179,27 +179,27 @@ class Fresh:
 
     @property
     def floor(self) -> float:
-        """RMSE that a perfect prediction would have, of noise and rounding alone [rad]."""
+        """RMSE of a perfect prediction, from noise and rounding alone [rad]."""
         return float(np.sqrt(np.square(self.readings - self.positions)[:, 1:].mean()))
 
     def error(self, predict: Predict) -> float | None:
-        """Return a prediction's RMSE over all joints and steps [rad]; None where it left all bounds."""
+        """Return a prediction's RMSE over all joints and steps [rad]; None if it diverged."""
         predicted = predict(self.commands, self.starts)
         error = float(np.sqrt(np.square(predicted - self.readings[:, 1:]).mean()))
         return error if np.isfinite(error) else None
 
     def errors_of_models(self, folder: Path, delivered: Path, least: float | None = None) -> ModelErrors:
-        """Return the errors of the nominal model and of the delivered one, beside that of who knows the answer."""
+        """Return the errors of the nominal and the delivered model; `least` is the oracle's."""
         servos, after, fault = find_actuators(folder / NOMINAL, self.joints), None, None
         before = self.error(self._load_model(folder / NOMINAL, servos).play)
         try:
             after = self.error(self._load_model(delivered, servos).play)
-        except NasError as error:  # what was delivered is being judged: that it cannot be used is a finding
+        except NasError as error:  # an unusable model is a result of the benchmark, not an error
             fault = str(error)
         return ModelErrors(floor=self.floor, before=before, after=after, fault=fault, least=least)
 
     def error_of(self, model: mujoco.MjModel, nominal: Path) -> float | None:
-        """Return the RMSE [rad] of a compiled model whose actuators are those of a nominal one's file."""
+        """Return the RMSE [rad] of a compiled model whose actuators are named as in the file `nominal`."""
         servos = find_actuators(nominal, self.joints)
         return self.error(Delivered.of(model, self.joints, servos, self.rate, nominal).play)
 
@@ -207,19 +207,19 @@ class Fresh:
         return Delivered.load(file, self.joints, servos, self.rate)
 
 
-WINDOW = 0.05  # [s] over which speeds are taken
-LEAN = 0.5  # [rad] of error at which a servo without limits gives a large torque
-FINE = 0.0005  # [s] physics step at which what a step costs is below the noise
+WINDOW = 0.05  # [s] window over which speeds are computed
+LEAN = 0.5  # [rad] control error at which a servo without limits gives a large torque
+FINE = 0.0005  # [s] physics step whose discretisation error is below the noise
 
 
 def compute_oracle_error(folder: Path, answer: SealedAnswer, fresh: Fresh) -> float | None:
-    """Return the RMSE [rad] on the fresh episodes of a case's model with the true effects, at the true base.
+    """Return the RMSE [rad] on the fresh episodes of a model with the true effects and base parameters.
 
-    Fresh episodes start at the first measured pose, whatever was commanded before. Who names everything rightly still
-    errs until a play, a band or a delayed command has been forgotten; nobody should be asked for less.
+    Fresh episodes start at the first measured pose, whatever was commanded before. So even the true model errs until
+    the state of a play, a dead band or a delay no longer depends on it: no workflow can do better.
 
     Returns:
-        None where the answer is outside the catalogue or beyond a model file, or the model left all bounds.
+        None if an effect is outside the catalogue, no model file can express it, or the model diverged.
     """
     try:
         effects = [make_effect(entry.effect, entry.joint, entry.parameters) for entry in answer.effects]
@@ -239,9 +239,9 @@ def compute_oracle_error(folder: Path, answer: SealedAnswer, fresh: Fresh) -> fl
 
 
 def measure_scales(spec: mujoco.MjSpec, effect: Effect, fresh: Fresh) -> Scales:
-    """Return what is large at an effect's joint, by model and fresh episodes; at the first one for the arm's effects.
+    """Return large torque and speed at an effect's joint (the first joint for effects of the whole arm).
 
-    A load friction's form in a file is made for a torque and a speed, and for nothing else.
+    In a model file, a load friction is designed for one torque and speed.
     """
     joint = fresh.joints[0] if effect.joint is None else effect.joint
     gap = max(1, round(WINDOW * fresh.rate))

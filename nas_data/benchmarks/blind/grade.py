@@ -9,7 +9,7 @@ from nas_data.benchmarks.blind.catalogue import OUTSIDE
 from nas_data.errors import DatasetInvalid
 from nas_data.typed_json import FormError, from_json
 
-SAME = ""  # joint of an alternative that names none: the joint of the effect beside it
+SAME = ""  # joint of an alternative that names none: that of its effect
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class ReportedEffect:
     parameters: Mapping[str, float]  # parameter → value
     intervals: Mapping[str, tuple[float, float]]  # parameter → its 95 % interval, if one is given
     confidence: float  # between 0 and 1
-    alternatives: tuple[Name, ...]  # effects listed beside it
+    alternatives: tuple[Name, ...]  # alternatives listed for it
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class EffectEntry:
     alternatives: tuple[AlternativeEntry, ...] | None = None
 
     def claim(self) -> ReportedEffect:
-        """Return the entry with plain numbers."""
+        """Return the entry with floats in place of nulls."""
         intervals = {key: one.interval95 for key, one in self.parameters.items() if one.interval95 is not None}
         return ReportedEffect(
             (self.effect, self.joint),
@@ -90,15 +90,15 @@ class ReportEntries:
 
 
 def read_number(value: float | None, missing: float = math.nan) -> float:
-    """Return a number; JSON has none for what is not finite."""
+    """Return a number, or `missing` for null, which JSON holds for values that are not finite."""
     return missing if value is None else value
 
 
-CONFIDENT = 0.8  # from here on a wrong name is the worst outcome
+CONFIDENT = 0.8  # wrong names of at least this confidence count as the worst outcome
 ABOVE_FLOOR = frozenset({"unexplained", "partly_explained"})
-PLACE = frozenset("xyz")  # of a payload; where none is reported, it is at the link's centre of mass
+PLACE = frozenset("xyz")  # position of a payload; if none is reported, it is at the link's centre of mass
 RIGHT_VERDICTS = {
-    "none": frozenset({"none", "retuned"}),  # errors of the base parameters make a retuning right
+    "none": frozenset({"none", "retuned"}),  # errors of the base parameters can justify `retuned`
     "one": frozenset({"explained"}),
     "outside": ABOVE_FLOOR,
 }
@@ -108,19 +108,19 @@ RIGHT_VERDICTS = {
 class NamesGrade:
     """Named effects compared with the hidden ones."""
 
-    exact: bool  # whether they are the same
+    exact: bool  # whether they are the same sets
     missing: tuple[Name, ...]  # hidden effects that are not named
     extra: tuple[Name, ...]  # named effects that are not hidden
     wrong_joint: tuple[Name, ...]  # extra names whose effect is hidden in another joint
     listed_beside: tuple[Name, ...]  # missing names that are listed as alternatives
     abstained: bool  # whether nothing is named although something is hidden
     confident_wrong: bool  # whether a wrong name has a high confidence
-    confident_wrong_without_the_true_one_beside: bool  # the same, without a missing name among its alternatives
+    confident_wrong_without_the_true_one_beside: bool  # the same, and no missing name is among its alternatives
 
 
 @dataclass(frozen=True)
 class ConfidenceGrade:
-    """Confidence of a finding, None in a file where it is not finite, and whether it is right."""
+    """Confidence of a finding, null in JSON if not finite, and whether it is right."""
 
     confidence: float | None
     right: bool
@@ -128,9 +128,9 @@ class ConfidenceGrade:
 
 @dataclass(frozen=True)
 class ParameterGrade:
-    """Error of a parameter relative to its true size, and whether its interval covers the truth, if it has one.
+    """Relative error of a parameter, and whether its interval, if any, covers the truth.
 
-    In a file, an error that is not finite is None.
+    Errors that are not finite are null in JSON.
     """
 
     effect: str
@@ -150,8 +150,7 @@ class CaseGrade(NamesGrade):
     verdict_right: bool  # whether the verdict is right
     confidences: tuple[ConfidenceGrade, ...]  # confidence of each finding
     parameters: tuple[ParameterGrade, ...]  # parameters of the effects that are named rightly
-    # whether the report marks the joint of an effect outside the catalogue as unexplained; None if there is no such
-    # effect
+    # whether the report marks the joint of an effect outside the catalogue as unexplained; None without such an effect
     unexplained_joint_named: bool | None
 
 
@@ -187,10 +186,9 @@ def grade_names(answer: SealedAnswer, report: Mapping[str, object]) -> CaseGrade
 
 
 def translate(hidden: Sequence[HiddenEntry], joints: Sequence[str], finding: ReportedEffect) -> list[ReportedEffect]:
-    """Return a finding under the names of the hidden effects, if it says the same in other names.
+    """Return a finding under the names of the hidden effects, if they are equivalent.
 
-    An effect of the whole arm stands for the effect in each joint, if it is hidden in every one. Some effects have two
-    names.
+    An effect of the whole arm matches the same effect hidden in every joint. Some effects have two names.
     """
     true, (effect, joint) = [entry.name for entry in hidden], finding.name
     if finding.name in true:
@@ -222,7 +220,7 @@ def compare_names(true: Sequence[Name], findings: Sequence[ReportedEffect]) -> N
 
 
 def compute_parameter_errors(hidden: Sequence[HiddenEntry], findings: Sequence[ReportedEffect]) -> list[ParameterGrade]:
-    """Return the error of each parameter of each effect that is named rightly, relative to its true size."""
+    """Return the relative error of each parameter of each correctly named effect."""
     by_name = {finding.name: finding for finding in findings if finding.parameters}
     rows = []
     for entry in hidden:
@@ -238,9 +236,9 @@ def compute_parameter_errors(hidden: Sequence[HiddenEntry], findings: Sequence[R
 
 
 def as_the_model_sees(entry: HiddenEntry, answer: SealedAnswer) -> HiddenEntry:
-    """Return a hidden effect with a gain relative to the given model, as the contract defines it.
+    """Return a hidden effect with its gain relative to the given model, as the contract defines it.
 
-    The plant's own gain differs from the model's as well, and no data separate the two factors.
+    The plant's base gain differs from the model's as well, and no data separate the two factors.
     """
     if entry.effect != "servo_stiffness" or entry.joint is None:
         return entry
@@ -249,7 +247,7 @@ def as_the_model_sees(entry: HiddenEntry, answer: SealedAnswer) -> HiddenEntry:
 
 
 def compute_reference_size(effect: str, true: Mapping[str, float], key: str) -> float:
-    """Return the reference of a relative error; parts of a tilt or of a place may be zero, so the whole counts."""
+    """Return the denominator of a relative error; for components of a vector (tilt, position), its norm."""
     if effect == "base_tilt":
         return math.hypot(*true.values())
     return math.hypot(*(true[axis] for axis in PLACE if axis in true)) if key in PLACE else abs(true[key])

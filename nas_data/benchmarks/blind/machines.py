@@ -1,4 +1,4 @@
-"""Machines of one to three axes with motors that are told their torques, and a controller that follows references."""
+"""Machines of one to three axes with torque-commanded motors, and a controller that follows references."""
 
 import mujoco
 import numpy as np
@@ -11,23 +11,23 @@ from nas_data.benchmarks.blind.plants.base import Play, find_plant, make_chain
 from nas_data.benchmarks.blind.plants.constants import Constants
 from nas_data.benchmarks.blind.plants.hiding import PlantBody, stack_arms
 
-BANDWIDTH = 2 * np.pi * 3.0  # [rad/s] of the error's decay: stiff enough to stay in range, too soft to hide friction
-HINGE, SLIDE = 0.8, 0.2  # [rad], [m] from the middle that a reference goes at most
+BANDWIDTH = 2 * np.pi * 3.0  # [rad/s] decay rate of the error: stiff enough to stay in range, too soft to hide friction
+HINGE, SLIDE = 0.8, 0.2  # [rad], [m] largest distance of a reference from the middle
 
 
 def find_reach(sliding: np.ndarray) -> np.ndarray:
-    """Return the lowest and highest position of references [rad, m], shape (n, 2), for which joints slide, (n,)."""
+    """Return the lowest and highest position of references [rad, m], shape (n, 2); `sliding` has shape (n,)."""
     return np.where(sliding, SLIDE, HINGE)[:, None] * np.array([-1.0, 1.0])
 
 
 def draw_references(
     conditions: Conditions, episodes: int, reach: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Draw the long motions that so many episodes are cut from, sums of sines.
+    """Draw long reference motions, sums of sines, that episodes are cut from.
 
     Args:
-        conditions: Rate and length of an episode, and into how many pieces a motion is cut.
-        episodes: How many, E; a multiple of the pieces.
+        conditions: Rate and length of an episode, and the number of episodes per motion.
+        episodes: Number of episodes E; a multiple of the episodes per motion.
         reach: Lowest and highest position of each joint [rad], shape (n, 2).
         rng: Source of randomness.
 
@@ -43,7 +43,7 @@ def draw_references(
 
 
 class Follower:
-    """Computed-torque control by the nominal model, once a control period; remembers what it told.
+    """Computed-torque control by the nominal model, once per control period; stores its commands.
 
     torque = M(q) · (a + 2 ω (v − dq/dt) + ω² (r − q)) + bias(q, dq/dt), with a reference r, v, a: Siciliano et al.,
     Robotics, 2009, section 8.5.2.
@@ -57,7 +57,7 @@ class Follower:
         self.references = references
         self.speeds = np.gradient(references, period, axis=1)
         self.accelerations = np.gradient(self.speeds, period, axis=1)
-        self.commands = np.zeros_like(references)  # torques that were told [N m], shape (E, T, n)
+        self.commands = np.zeros_like(references)  # commanded torques [N m], shape (E, T, n)
 
     def __call__(self, step: int, states: np.ndarray) -> np.ndarray:
         """Return the torques (E, n) [N m] of one control period for states (E, 2n), rounded as they are stored."""
@@ -74,7 +74,7 @@ class Follower:
 
 
 class FollowingSession:
-    """What a controller does with an arm that follows references, cut into episodes; remembers it for one truth."""
+    """An arm that follows references under a controller, cut into episodes; caches the result for one truth."""
 
     def __init__(self, arm: NominalArm, conditions: Conditions, references: np.ndarray) -> None:
         """Prepare to follow long references [rad], shape (K, pieces T, n)."""
@@ -84,7 +84,7 @@ class FollowingSession:
         self._known: tuple[str, Truth, CommandSequence] | None = None
 
     def part(self, episodes: slice) -> Script:
-        """Return the script of some of the K pieces episodes; all are played at once, for that takes no longer."""
+        """Return the script of some of the K pieces episodes; all are simulated at once, which costs no more time."""
         return lambda plant, truth: self._make_tape(plant, truth)[episodes]
 
     def _make_tape(self, plant: str, truth: Truth) -> CommandSequence:
@@ -96,7 +96,7 @@ class FollowingSession:
 def follow(
     play: Play, arm: NominalArm, truth: Truth, references: np.ndarray, conditions: Conditions
 ) -> CommandSequence:
-    """Let an arm follow long references (K, pieces T, n) [rad] and cut what happens into K pieces episodes."""
+    """Simulate an arm that follows long references (K, pieces T, n) [rad] and cut the result into K pieces episodes."""
     follower, length = Follower(arm, references, conditions.period), conditions.steps
     at, speeds = references[:, 0], follower.speeds[:, 0]
     states = play(arm, [truth], references, at, conditions.period, 0.0, speeds, follower)[0]
@@ -106,18 +106,18 @@ def follow(
 
 
 JOINTS = (1, 3)
-LENGTH = (0.15, 0.4)  # [m] of what turns
+LENGTH = (0.15, 0.4)  # [m] of rotating links
 MASS = (0.3, 2.0)  # [kg] of a link or carriage, lighter towards the tip
-ROTOR = (0.2, 0.6)  # rotor's over carried inertia
-SPARE = (1.1, 1.8)  # torque limit over the largest torque of a motion without friction
-LOST = (0.01, 0.03)  # of the torque limit: the model's own dry friction, and its viscous friction at a usual speed
-USUAL = np.array([2.0, 0.5])  # [rad/s], [m/s] usual speeds of hinges and slides
-TIMESTEPS = (0.00025, 0.0005)  # [s] a model runs ahead by half of one: at 1 m/s by as much as its sensors' noise
-TRIAL = np.arange(0, 8, 0.01)  # [s] motion by which the motors are chosen
+ROTOR = (0.2, 0.6)  # rotor inertia over carried inertia
+SPARE = (1.1, 1.8)  # torque limit over the largest torque of a frictionless motion
+LOST = (0.01, 0.03)  # share of the torque limit: the model's dry friction, and its viscous friction at a typical speed
+USUAL = np.array([2.0, 0.5])  # [rad/s], [m/s] typical speeds of hinges and slides
+TIMESTEPS = (0.00025, 0.0005)  # [s] integration leads by half a step: at 1 m/s as much as the sensors' noise
+TRIAL = np.arange(0, 8, 0.01)  # [s] motion that the motors are sized for
 
 
 def draw_machine(rng: np.random.Generator) -> NominalArm:
-    """Draw a machine: hinges that hang under gravity, or stand upright, and slides along any axis."""
+    """Draw a machine: hinges with horizontal or vertical axes, and slides along any axis."""
     count = int(rng.integers(JOINTS[0], JOINTS[1] + 1))
     sliding = rng.random(count) < 0.5
     joints = tuple(f"{'slide' if slides else 'hinge'}{row + 1}" for row, slides in enumerate(sliding))
@@ -128,7 +128,7 @@ def draw_machine(rng: np.random.Generator) -> NominalArm:
 
 
 def draw_axes(rng: np.random.Generator, sliding: np.ndarray) -> list[Link]:
-    """Draw links; no two slides along one axis, whose friction and inertia no motion could tell apart."""
+    """Draw links; no two slides share an axis, because no motion separates their friction and inertia."""
     hanging = rng.random() < 0.5
     onward = np.array([0.0, 0.0, -1.0]) if hanging else np.array([1.0, 0.0, 0.0])
     free = list(rng.permutation(3))
@@ -148,7 +148,7 @@ def draw_axes(rng: np.random.Generator, sliding: np.ndarray) -> list[Link]:
 
 
 def draw_motors(rng: np.random.Generator, bare: str, sliding: np.ndarray) -> list[JointDrive]:
-    """Draw motors that are strong enough for motions of the usual speed; half the machines have no friction."""
+    """Draw motors that can drive motions of typical speed; half the machines have no friction."""
     model = mujoco.MjModel.from_xml_string(bare)
     inertias, motion = compute_inverse_dynamics(model, rng, find_reach(sliding)[:, 1])
     frictional, motors = bool(rng.random() < 0.5), []
@@ -164,7 +164,7 @@ def draw_motors(rng: np.random.Generator, bare: str, sliding: np.ndarray) -> lis
 def compute_inverse_dynamics(
     model: mujoco.MjModel, rng: np.random.Generator, reach: np.ndarray
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """Return what a motion within reach (n,) [rad] asks of a machine without motors.
+    """Compute the inertias and torques of a random motion of a machine without motors, within reach (n,) [rad].
 
     Returns:
         Mean inertias [kg m²], shape (n,); torques [N m] and accelerations [rad/s²], shape (T, n) each.

@@ -1,4 +1,4 @@
-"""Commands: the paper's steps, triangles and sweeps; moves and sines as other arms are moved."""
+"""Command signals: the paper's steps, triangles and sweeps; point-to-point moves and sines for other arms."""
 
 from collections.abc import Callable, Mapping
 
@@ -11,18 +11,18 @@ from nas_data.excitations.multisine import Multisine
 from nas_data.excitations.steps import Steps
 from nas_data.excitations.triangle import Triangle
 
-RESET_SHARE = 0.2  # part of the range in which the paper's resets draw a pose
-SHARE = 0.8  # part of the range that steps use: overshoot stays within a turn's quarter
+RESET_SHARE = 0.2  # share of the range in which the paper's resets draw a pose
+SHARE = 0.8  # share of the range that steps use: with overshoot, links stay within ±90°
 
 
 def draw_episodes(
     conditions: Conditions, episodes: int, control: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Draw one set of episodes, in random order.
+    """Draw the commands of a set of episodes, in random order.
 
     Args:
         conditions: Rate and length; the signal is `steps`, or `mixed`, half of which are triangles and sweeps.
-        episodes: How many.
+        episodes: Number of episodes E.
         control: Lowest and highest command of each joint [rad], shape (n, 2).
         rng: Source of randomness.
 
@@ -37,7 +37,7 @@ def draw_episodes(
 
 
 def divide_episodes(signal: str, episodes: int, rng: np.random.Generator) -> list[tuple[Excitation, int]]:
-    """Return how many episodes each excitation gets."""
+    """Return the number of episodes of each excitation."""
     steps = Steps(share=SHARE)
     if signal == "steps":
         return [(steps, episodes)]
@@ -49,7 +49,7 @@ def divide_episodes(signal: str, episodes: int, rng: np.random.Generator) -> lis
 def draw_part(
     kind: Excitation, conditions: Conditions, size: tuple[int, np.ndarray], rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return so many commands of such a range, and poses, of one excitation; all but steps start at their signal's."""
+    """Return commands and poses of one excitation; poses are the first command, except for steps."""
     episodes, control = size
     low, high = control.T
     commands = kind.commands(rng, episodes, conditions.steps, conditions.period, low, high)
@@ -59,17 +59,18 @@ def draw_part(
 
 
 def as_stored(values: np.ndarray) -> np.ndarray:
-    """Round to single precision: what is played is to the bit what the dataset says was played."""
+    """Round to single precision, so that the played commands equal the stored ones exactly."""
     return values.astype(np.float32).astype(float)
 
 
 MIXTURE = "mixture"
-FARTHEST = 0.9  # [rad] from zero: overshoot stays within a turn's quarter
-LASTS = (0.4, 1.5)  # [s] of a step or a move
-MOVING = (0.5, 1.0)  # share of a move's time, which ends at rest
-SINES, FREQUENCIES = 3, (0.15, 1.5)  # how many of [Hz]
+FARTHEST = 0.9  # [rad] from zero: with overshoot, links stay within ±90°
+LASTS = (0.4, 1.5)  # [s] duration of a step or a move
+MOVING = (0.5, 1.0)  # share of the duration in motion; the rest is standstill
+SINES, FREQUENCIES = 3, (0.15, 1.5)  # number of sines and their frequencies [Hz]
 
-# share of a move's time → share of its way; minimum jerk as in Flash and Hogan, J. Neurosci. 5 (1985) 1688
+# time as a share of a move's duration → share of its distance; minimum jerk as in Flash and Hogan, J. Neurosci. 5
+# (1985) 1688
 PROFILES: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
     "steps": np.ones_like,
     "ramps": lambda time: time,
@@ -81,11 +82,11 @@ SIGNALS = (*PROFILES, "sines", MIXTURE)
 def draw_motions(
     conditions: Conditions, episodes: int, control: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Draw one set of episodes.
+    """Draw the commands of a set of episodes.
 
     Args:
-        conditions: Rate and length; the signal is one of `SIGNALS`, a mixture another one in each episode.
-        episodes: How many, E.
+        conditions: Rate and length; the signal is one of `SIGNALS`; a mixture draws one per episode.
+        episodes: Number of episodes E.
         control: Lowest and highest command of each joint [rad], shape (n, 2); infinite for no limit.
         rng: Source of randomness.
 
@@ -108,7 +109,7 @@ def draw_episode(conditions: Conditions, joints: int, rng: np.random.Generator) 
 
 
 def draw_sines(times: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-    """Return a sum of sines [rad], scaled to a drawn amplitude, and where it begins."""
+    """Return a sum of sines [rad], shape (T,), scaled to a drawn amplitude, and its first value."""
     phases = 2 * np.pi * (np.outer(times, rng.uniform(*FREQUENCIES, SINES)) + rng.random(SINES))
     course = np.sin(phases) @ rng.uniform(0.2, 1.0, SINES)
     course *= FARTHEST * rng.uniform(0.4, 1.0) / np.abs(course).max()
@@ -116,7 +117,7 @@ def draw_sines(times: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray,
 
 
 def draw_moves(kind: str, times: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-    """Return moves of one profile from target to target [rad], and where the first begins."""
+    """Return moves of one profile from target to target [rad], shape (T,), and the first value."""
     place = pose = float(rng.uniform(-FARTHEST, FARTHEST))
     course, begin = np.empty_like(times), 0.0
     while begin <= times[-1]:

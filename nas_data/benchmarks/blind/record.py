@@ -1,4 +1,4 @@
-"""Record of a finished case, as its JSON file holds it."""
+"""Record of a finished case, stored as a JSON file."""
 
 import json
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ class CaseFailure:
 
 @dataclass(frozen=True)
 class GradedCase:
-    """What the workflow under test found."""
+    """Result of the workflow under test."""
 
     grade: CaseGrade = field(metadata=INLINE)  # grade of its report
     seconds: float  # its wall time [s]
@@ -36,7 +36,7 @@ class GradedCase:
 
 @dataclass(frozen=True)
 class GradedAnswer:
-    """What a baseline found."""
+    """Result of a baseline."""
 
     grade: NamesGrade = field(metadata=INLINE)  # grade of the effects that it named
     true: tuple[Name, ...]  # hidden effects of the catalogue
@@ -47,24 +47,24 @@ class GradedAnswer:
 
 @dataclass(frozen=True)
 class BaselineRecord:
-    """A baseline on a case."""
+    """Record of a baseline on a case."""
 
-    outcome: CaseFailure | GradedAnswer = field(metadata=INLINE)  # what it found, or its error
-    code: str | None = None  # hash of the code that answered
+    outcome: CaseFailure | GradedAnswer = field(metadata=INLINE)  # its result, or its error
+    code: str | None = None  # hash of the code that produced it
 
 
 @dataclass(frozen=True, kw_only=True)
 class CaseRecord:
-    """A finished case."""
+    """Record of a finished case."""
 
     case: str  # its name
-    identity: Identity = field(metadata=INLINE)  # what names it
+    identity: Identity = field(metadata=INLINE)  # identity of the case
     arm: str  # name of the arm
     excitation: str  # name of the command signal
-    code: str | None = None  # hash of the code that decided it; None if the file names none
+    code: str | None = None  # hash of the code that produced it; None if the file has none
     commit: str | None = None  # commit of this package; None if unknown
     drawing_seconds: float  # wall time of its drawing [s]
-    outcome: CaseFailure | GradedCase = field(metadata=INLINE)  # what the workflow found, or its error
+    outcome: CaseFailure | GradedCase = field(metadata=INLINE)  # result of the workflow, or its error
     baselines: Mapping[str, BaselineRecord] = field(default_factory=dict)  # baselines by name
 
     @classmethod
@@ -82,7 +82,7 @@ class CaseRecord:
             return None
 
     def store(self, path: Path) -> "CaseRecord":
-        """Write the case, whole or not at all on the disk, and return it as it reads back."""
+        """Write the case atomically and return it as read back."""
         content = make_finite(as_object(self))
         path.parent.mkdir(parents=True, exist_ok=True)
         unfinished = path.with_suffix(".unfinished")

@@ -1,4 +1,4 @@
-"""One case from its drawing to its grade, and the hash of the code that decides it."""
+"""Run one case from drawing to grading, and hash the code that determines its result."""
 
 import shutil
 import time
@@ -26,7 +26,7 @@ from nas_data.runs.environment_info import find_commit
 
 
 def hash_case_code(identity: Identity) -> str:
-    """Return the hash of what draws a case, plays it, names what hides in it and grades the names."""
+    """Return the hash of the code that draws, simulates, identifies and grades a case."""
     played_on = {identity.plant, SCREEN, find_setting(identity.setting).screen}
     plants = (f"nas_data.benchmarks.blind.plants.{plant}{SUFFIX}" for plant in played_on)
     setting = f"nas_data.benchmarks.blind.settings.{identity.setting}"
@@ -34,15 +34,15 @@ def hash_case_code(identity: Identity) -> str:
 
 
 def hash_baseline_code(name: str) -> str:
-    """Return the hash of what a baseline answers; what grades it is the case's."""
+    """Return the hash of a baseline's code; the code that grades it is part of the case's hash."""
     return hash_code(f"nas_data.benchmarks.blind.baselines.{name}")
 
 
 def check_code(records: Mapping[Identity, CaseRecord], folder: Path) -> None:
-    """Refuse records of other code, before hours are spent.
+    """Refuse records of other code versions, before hours are spent.
 
     Raises:
-        OutputExists: some were judged by other code, or by code that they do not name.
+        OutputExists: some records come from other code, or do not name their code.
     """
     other = [record for identity, record in records.items() if not is_by_this_code(identity, record)]
     if other:
@@ -54,7 +54,7 @@ def check_code(records: Mapping[Identity, CaseRecord], folder: Path) -> None:
 
 
 def is_by_this_code(identity: Identity, record: CaseRecord) -> bool:
-    """Whether a case and all baselines on it were judged by the present code."""
+    """Whether a case and all baselines on it come from the present code."""
     same = all(answer.code == hash_baseline_code(name) for name, answer in record.baselines.items())
     return same and record.code == hash_case_code(identity)
 
@@ -68,28 +68,28 @@ def tell_commits(records: Sequence[CaseRecord]) -> str:
 Investigate = Callable[[Path, Path, Path], None]  # dataset, nominal model, folder of the report
 Outcome = TypeVar("Outcome")
 REPORT, MODEL = "report.json", "model.xml"
-FOUND = "found"  # the workflow's folder within a case's
+FOUND = "found"  # the workflow's folder within that of the case
 
 
 @dataclass(frozen=True)
 class Judge:
-    """How cases are judged."""
+    """Runs and grades cases."""
 
     investigate: Investigate  # the workflow under test
-    baselines: tuple[str, ...] = ()  # names of the baselines that are given the same
-    keep: bool = False  # whether the datasets stay
+    baselines: tuple[str, ...] = ()  # names of the baselines that get the same cases
+    keep: bool = False  # whether to keep the datasets
 
     def is_done(self, record: CaseRecord) -> bool:
-        """Whether a record holds all that is asked for."""
+        """Whether a record holds all requested results."""
         return not self._list_missing_baselines(record)
 
     def judge(self, identity: Identity, folder: Path, known: CaseRecord | None = None) -> CaseRecord:
         """Draw, write, investigate and grade one case.
 
         Args:
-            identity: What names the case.
-            folder: Where its files go; emptied first, but for what the workflow found in an earlier run.
-            known: Its record, where only baselines are missing.
+            identity: Identity of the case.
+            folder: Output folder; emptied first, except for the workflow's files of an earlier run.
+            known: Its record, if only baselines are missing.
         """
         began = time.monotonic()
         case = draw_case(**vars(identity))
@@ -122,7 +122,7 @@ class Judge:
 
 
 def examine(folder: Path, answer: SealedAnswer, fresh: Fresh, investigate: Investigate) -> GradedCase:
-    """Run the workflow under test and grade what it leaves; only `report.json` and `model.xml` count."""
+    """Run the workflow under test and grade its `report.json` and `model.xml`; other files are ignored."""
     found = folder / FOUND
     began = time.monotonic()
     investigate(folder / DATASET, folder / NOMINAL, found)
@@ -133,7 +133,7 @@ def examine(folder: Path, answer: SealedAnswer, fresh: Fresh, investigate: Inves
 
 
 def run_baseline(name: str, folder: Path, answer: SealedAnswer, fresh: Fresh) -> GradedAnswer:
-    """Run one baseline and grade what it names, and its prediction of the fresh episodes."""
+    """Run one baseline; grade its names and its prediction of the fresh episodes."""
     began = time.monotonic()
     claim = find_baseline(name)(folder / DATASET, folder / NOMINAL)
     seconds = time.monotonic() - began
@@ -148,9 +148,9 @@ def run_baseline(name: str, folder: Path, answer: SealedAnswer, fresh: Fresh) ->
 
 
 def attempt(work: Callable[[], Outcome]) -> Outcome | CaseFailure:
-    """Return what the work finds; an error is an outcome of the case, and the benchmark goes on."""
+    """Return the result of `work`; an error is a result as well, so that the benchmark continues."""
     try:
         return work()
-    except Exception as error:  # whatever the workflow under test raises is its own doing
+    except Exception as error:  # any error of the workflow under test counts as its result
         where = traceback.extract_tb(error.__traceback__)[-1]
         return CaseFailure(f"{type(error).__name__}: {error} ({Path(where.filename).name}, line {where.lineno})")

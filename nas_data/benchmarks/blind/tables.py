@@ -35,7 +35,7 @@ Row = dict[str, Cell]
 def make_tables(records: Sequence[CaseRecord]) -> dict[str, list[Row]]:
     """Return every table of finished cases as rows."""
     grades = [case.grade for case in list_graded(records)]
-    groups: dict[tuple[str, str], list[CaseRecord]] = {}  # by family and plant, in the order in which they first appear
+    groups: dict[tuple[str, str], list[CaseRecord]] = {}  # (family, plant) → records, in order of first appearance
     for record in records:
         groups.setdefault((record.identity.family, record.identity.plant), []).append(record)
     return {
@@ -48,12 +48,12 @@ def make_tables(records: Sequence[CaseRecord]) -> dict[str, list[Row]]:
 
 
 def list_graded(records: Sequence[CaseRecord]) -> list[GradedCase]:
-    """Return what the workflow found in the cases that it did not fail in."""
+    """Return the workflow's results, without failed cases."""
     return [record.outcome for record in records if isinstance(record.outcome, GradedCase)]
 
 
 def summarise_family(family: str, plant: str, records: Sequence[CaseRecord]) -> Row:
-    """Summarise one family on one plant; what failed is wrong, but not confidently so."""
+    """Summarise one family on one plant; failed cases count as wrong, but not as confidently wrong."""
     done = list_graded(records)
     grades, errors, failed = [case.grade for case in done], [case.fresh for case in done], len(records) - len(done)
     parameters = [entry for grade in grades for entry in grade.parameters]
@@ -75,29 +75,29 @@ def summarise_family(family: str, plant: str, records: Sequence[CaseRecord]) -> 
 
 
 def compute_rest(error: float | None, floor: float) -> float:
-    """Return an error on fresh episodes as a multiple of the floor; infinite where the model was of no use."""
+    """Return an error on fresh episodes in noise floors; infinite if the model was unusable."""
     return np.inf if error is None else error / floor
 
 
 def compute_share(flags: Iterable[bool | None], failed: int = 0) -> float | None:
-    """Return the share of true ones among those that are known and those that failed; None of none."""
+    """Return the share of true flags among known flags and failed cases; None if there are none."""
     known = [flag for flag in flags if flag is not None]
     return sum(known) / (len(known) + failed) if known or failed else None
 
 
 def compute_shares(grades: Sequence[NamesGrade], names: Sequence[str], failed: int = 0) -> dict[str, float | None]:
-    """Return the share of grades in which each of some flags is true; what failed is false."""
+    """Return the share of grades with each flag set; failed cases count as false."""
     return {name: compute_share((getattr(grade, name) for grade in grades), failed) for name in names}
 
 
 def median(values: Iterable[float | None]) -> float | None:
-    """Return the median of those that are known; None of none."""
+    """Return the median of the known values; None if there are none."""
     known = [value for value in values if value is not None]
     return float(np.median(known)) if known else None
 
 
 def count_confusions(grades: Sequence[CaseGrade]) -> list[Row]:
-    """Count, for cases that hide one effect, what was named: effects by name, joints aside."""
+    """Count the effects named in cases that hide one effect; joints are ignored."""
     rows: dict[str, Counter[str]] = {}
     for grade in grades:
         if len(grade.true) <= 1:
@@ -119,7 +119,7 @@ def compute_reliability(findings: Sequence[ConfidenceGrade]) -> list[Row]:
 
 
 def compute_power(records: Sequence[CaseRecord]) -> list[Row]:
-    """Return how often single effects were found by how much they show, as multiples of the noise floor."""
+    """Return how often single effects were found, by mark in noise floors."""
     catalogued = list_graded([record for record in records if record.identity.family != "outside"])
     single = [case.grade for case in catalogued if len(case.grade.true) == 1]
     rows: list[Row] = []
@@ -132,7 +132,7 @@ def compute_power(records: Sequence[CaseRecord]) -> list[Row]:
 
 
 def summarise_baselines(records: Sequence[CaseRecord]) -> list[Row]:
-    """Summarise the baselines by family, over all plants, beside the workflow's own rest."""
+    """Summarise the baselines by family, over all plants, with the workflow's error for comparison."""
     rows: list[Row] = []
     for name in dict.fromkeys(name for record in records for name in record.baselines):
         for family in dict.fromkeys(record.identity.family for record in records):
@@ -166,7 +166,7 @@ def print_tables(found: Mapping[str, Sequence[Row]]) -> str:
 
 
 def align_rows(rows: Sequence[Row]) -> str:
-    """Return rows of the same keys as columns; the words left, the numbers right."""
+    """Format rows with the same keys as a table; words left-aligned, numbers right-aligned."""
     first = rows[0]
     cells = [[SHORT.get(key, key) for key in first], *([format_cell(key, row[key]) for key in first] for row in rows)]
     worded = [number for number, value in enumerate(first.values()) if isinstance(value, str | Mapping)]
@@ -174,7 +174,7 @@ def align_rows(rows: Sequence[Row]) -> str:
 
 
 def format_cell(key: str, value: Cell) -> str:
-    """Return one value as a person reads it."""
+    """Format one value for a table."""
     if value is None:
         return "–"
     if isinstance(value, Mapping):

@@ -1,4 +1,4 @@
-"""A case as a folder: a dataset and a nominal model to hand over, and beside them the sealed answer."""
+"""Write a case as a folder: dataset and nominal model to hand over, and the sealed answer."""
 
 import json
 from pathlib import Path
@@ -29,7 +29,7 @@ DATASET, NOMINAL, ANSWER, FRESH = "dataset", "nominal.xml", "answer.json", "fres
 def write_case(case: Case, folder: Path) -> None:
     """Write a case's folder.
 
-    `dataset/` and `nominal.xml` are what a workflow is given; `answer.json` and `fresh.npz` are what it is judged by.
+    `dataset/` and `nominal.xml` are given to a workflow; `answer.json` and `fresh.npz` serve to grade it.
 
     Raises:
         OutputExists: the folder holds a dataset already.
@@ -44,7 +44,7 @@ def write_case(case: Case, folder: Path) -> None:
 
 
 def make_provenance(case: Case) -> Provenance:
-    """Return where the dataset comes from, without a trace of the answer: no seed, no plant, no effect."""
+    """Return the dataset's provenance without a trace of the answer: no seed, no plant, no effect."""
     sensor = case.conditions.sensor
     return Provenance(
         how="simulated",
@@ -58,7 +58,7 @@ def make_provenance(case: Case) -> Provenance:
 
 
 def to_dataset(case: Case) -> Dataset:
-    """Return the episodes that are handed over as a dataset."""
+    """Return the recorded episodes as a dataset."""
     joints, episodes, rate = case.arm.joints, case.recorded, case.conditions.rate
     count, steps, n = episodes.commands.shape
     states, command = (
@@ -92,8 +92,8 @@ def to_dataset(case: Case) -> Dataset:
 def compute_measured_states(episodes: Episodes, rate: float) -> np.ndarray:
     """Return readings and speeds (E, T + 1, 2n) [rad, rad/s].
 
-    Speeds that were not measured are differences backward, zero at the start, which is at rest; those of episodes that
-    begin in motion are estimated as an import estimates them.
+    Speeds that were not measured are backward differences, zero at the start of an episode that begins at rest. Those
+    of episodes that begin in motion are estimated as in `nas import`.
     """
     speeds = episodes.speeds
     if speeds is None and episodes.start_speeds is not None:

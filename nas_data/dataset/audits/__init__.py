@@ -1,7 +1,7 @@
-"""Audits of recordings: each file of the folder checks one thing, and one set of them serves logs and datasets.
+"""Audits of recordings: each file of the folder is one check, for logs and datasets alike.
 
-`nas import` runs them over the rows of a log as they were recorded, `nas gap find`, `nas verify` and the commands that
-read LeRobot's datasets over the rows of a dataset.
+`nas import` runs them over the rows of a log as recorded. `nas gap find`, `nas verify` and the commands that read
+LeRobot's datasets run them over the rows of a dataset.
 """
 
 from collections.abc import Sequence
@@ -15,14 +15,14 @@ from nas_data.dataset.features import STATE
 from nas_data.dataset.recording import Recording, extract_recordings
 
 FIRST = ("finite", "timing")
-LEAST_ROWS = 2  # of an episode that is looked at further: nothing moves within one row
+LEAST_ROWS = 2  # of an episode that is audited further; a single row has no motion
 
 
 class Audit(Protocol):
-    """What a file of this folder defines."""
+    """Interface of a file of this folder."""
 
     def check(self, recording: Recording, expected: Expected) -> list[AuditFinding]:
-        """Look at one recording as it was recorded: in SI, nothing resampled."""
+        """Check one recording in SI units, as recorded, without resampling."""
 
 
 def find_audit(name: str) -> Audit:
@@ -37,10 +37,10 @@ def audit_dataset(
 
     Args:
         dataset: Transitions, or states and commands of named joints.
-        remedies: What puts findings right, if that is no map file.
-        turns: Whether joints may exceed two turns; if None, where units are stored.
+        remedies: Remedies for findings if there is no map file.
+        turns: Whether joints may exceed two turns; if None, they may if units are stored.
     """
-    if turns is None:  # where units are stored, someone knows them: as_transitions refuses others than rad
+    if turns is None:  # stored units are trusted; as_transitions refuses all but rad
         turns = bool(dataset.features[STATE].units)
     kinds = dict(zip(dataset.joints, dataset.kinds, strict=True))
     expected = Expected(rate=dataset.fps, slides=dataset.slides, kinds=kinds, turns=turns, remedies=remedies)
@@ -51,7 +51,7 @@ def audit(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Run every audit over one recording.
 
     Returns:
-        Findings. Where values or times are unusable, only that is reported, because everything else would follow.
+        Findings. If values or times are unusable, only those, because all other findings would follow from them.
     """
     found = run(FIRST, recording, expected)
     if any(finding.error for finding in found) or len(recording) < LEAST_ROWS:
@@ -60,7 +60,7 @@ def audit(recording: Recording, expected: Expected) -> list[AuditFinding]:
 
 
 def list_remaining_audits() -> list[str]:
-    """Return the audits that need finite values in several rows whose time goes on."""
+    """Return the audits that need finite values in several rows with increasing time."""
     return [name for name in registry.list_names("dataset.audits") if name not in FIRST]
 
 

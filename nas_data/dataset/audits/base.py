@@ -11,23 +11,23 @@ from nas_data.dataset.recording import Recording
 from nas_data.dataset.timing import LATE
 from nas_data.joint_units import compute_angle_scales
 
-NAMES_MAP = re.compile(r"\[|\bmap\b")  # what a remedy names that only a map file has
+NAMES_MAP = re.compile(r"\[|\bmap\b")  # matches remedies that apply to a map file only
 
 
 @dataclass(frozen=True)
 class Remedies:
-    """What puts findings right where a recording is read without a map file.
+    """Remedies for recordings that are read without a map file.
 
     Attributes:
         by_check: Remedies by check; `{rate}` stands for the measured rate [Hz].
-        elsewhere: Where the remedies of other checks that name keys of a map belong, as words before them.
+        elsewhere: Prefix for remedies of other checks that name keys of a map: where these keys belong.
     """
 
     by_check: Mapping[str, str]
     elsewhere: str = ""
 
     def apply(self, finding: "AuditFinding", rate: float) -> "AuditFinding":
-        """Return a finding of a map file with the remedy that helps here; `rate` as it was measured [Hz]."""
+        """Return a finding with the remedy that applies without a map; `rate` is the measured rate [Hz]."""
         if not finding.remedy:
             return finding
         if finding.check in self.by_check:
@@ -50,8 +50,8 @@ class Expected:
         turns: Whether joints may exceed two turns.
         resampled: Whether rows are resampled to even steps before use.
         derived: Whether velocities are derived from positions instead of read.
-        promise: Source of the expected rate, as words for messages.
-        remedies: Remedies in place of those of a map file; None for these.
+        promise: Source of the expected rate, in words, for messages.
+        remedies: Remedies in place of those of a map file; None for a map file.
     """
 
     rate: float
@@ -67,7 +67,7 @@ class Expected:
     remedies: Remedies | None = None
 
     def find_commanded(self, joints: Sequence[str], kind: str) -> np.ndarray:
-        """Return which joints are commanded one quantity, as a mask of shape (n,)."""
+        """Return a mask of the joints that are commanded a given quantity, shape (n,)."""
         return np.array([self.kinds.get(joint, POSITION) == kind for joint in joints], bool)
 
 
@@ -79,7 +79,7 @@ class AuditFinding:
         check: Name of the check, for example `irregular_time`.
         file: The log, with its episode if it holds several, or the dataset's episode.
         what: The finding, as a sentence without its full stop.
-        remedy: Remedy in the map, likewise; empty if there is none.
+        remedy: Remedy in the map, as a sentence without its full stop; empty if there is none.
         rows: Affected rows, counted from 0 at the first row of data; empty for all.
         error: Whether the recording is unusable; otherwise the finding is stored with the dataset.
         minor: Whether it has no effect on results.
@@ -99,7 +99,7 @@ class AuditFinding:
         return f"{self.what}; {self.remedy}." if self.remedy else f"{self.what}."
 
     def to_json(self) -> dict[str, object]:
-        """Return the form for machines."""
+        """Return the finding for JSON."""
         return {
             "check": self.check,
             "file": self.file,
@@ -111,10 +111,10 @@ class AuditFinding:
 
 
 def find_radian_equivalents(recording: Recording, expected: Expected) -> np.ndarray:
-    """Return what stands for a radian at each joint [rad; slides m], shape (n,): thresholds of angles are times this.
+    """Return the equivalent of a radian at each joint [rad; slides m], shape (n,), to scale thresholds for angles.
 
-    It is 1 at hinges. A slide's range stands for that of a usual hinge: it is that of its limits, else of its commanded
-    positions, else of its positions.
+    It is 1 at hinges. At a slide it is a share of its range: of its limits, else its commanded positions, else its
+    positions.
     """
     moved, commanded = np.ptp(recording.positions, axis=0), np.ptp(recording.commands, axis=0)
     positional = expected.find_commanded(recording.joints, POSITION)
@@ -124,5 +124,5 @@ def find_radian_equivalents(recording: Recording, expected: Expected) -> np.ndar
 
 
 def list_row_numbers(rows: np.ndarray, chosen: np.ndarray) -> tuple[int, ...]:
-    """Return the recording's row numbers of the chosen rows (a mask or indices)."""
+    """Return the row numbers of chosen rows (a mask or indices)."""
     return tuple(int(row) for row in rows[chosen])

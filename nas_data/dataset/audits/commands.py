@@ -7,19 +7,19 @@ from nas_data.dataset.audits.velocity import FACTOR_TOLERANCE, KNOWN, KNOWN_OF_S
 from nas_data.dataset.features import POSITION, VELOCITY
 from nas_data.dataset.recording import Recording
 
-MIN_ROWS = 20  # rows from which a correlation says something
-FOLLOWING_TIME = 1.0  # [s] in which a servo has followed its commands, however slow it is
-MIN_CORRELATION = 0.7  # correlation from which the position follows the command
+MIN_ROWS = 20  # fewest rows for a meaningful correlation
+FOLLOWING_TIME = 1.0  # [s] within which even a slow servo follows its command
+MIN_CORRELATION = 0.7  # correlation above which the position follows the command
 DEGREES = 180 / np.pi
-AVERAGING_TIME = 0.25  # [s] over which a commanded velocity and the travel are averaged: servos answer late
-MAX_AMPLITUDE_RATIO = 2.0  # a servo that lags or sags follows with another amplitude, but not by this factor
+AVERAGING_TIME = 0.25  # [s] over which commanded velocity and motion are averaged, because servos lag
+MAX_AMPLITUDE_RATIO = 2.0  # largest ratio of amplitudes that lag or droop can cause
 
 
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Refuse commands whose amplitude is off by the factor between two units; report opposite signs.
 
     That factor is about 57 between degrees and radians, 1,000 between millimetres and metres. Commanded positions are
-    compared with positions, commanded velocities with how fast positions change.
+    compared with positions, commanded velocities with differences of positions.
     """
     if len(recording) < MIN_ROWS:
         return []
@@ -36,7 +36,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
         slide = joint in expected.slides
         ratio, units = (1e3, "millimetres and metres") if slide else (DEGREES, "degrees and radians")
         slip = _is_factor(factor, ratio, MAX_AMPLITUDE_RATIO)
-        if speed and not slip:  # such a factor may be a weak servo's as well
+        if speed and not slip:  # such a factor may also be due to a weak servo
             known = KNOWN_OF_SLIDES if slide else KNOWN
             units = next((words for one, words in known.items() if _is_factor(factor, one, 1 + FACTOR_TOLERANCE)), "")
         lasting = float(np.ptp(recording.time)) >= FOLLOWING_TIME
@@ -53,20 +53,20 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
 
 
 def _is_factor(factor: float, wanted: float, within: float) -> bool:
-    """Whether a factor is about the wanted one, or its inverse."""
+    """Whether a factor is close to the wanted one, or its inverse."""
     return any(1 / within < factor / one < within for one in (wanted, 1 / wanted))
 
 
 def _centre_positions(recording: Recording, index: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return a joint's commanded and measured positions about their means, shape (N,) each."""
+    """Return a joint's commanded and measured positions minus their means, shape (N,) each."""
     command, position = recording.commands[:, index], recording.positions[:, index]
     return command - command.mean(), position - position.mean()
 
 
 def _average_speeds(recording: Recording, index: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return a joint's commanded and actual mean speeds over overlapping whiles [rad/s; m/s], shape (M,) each.
+    """Return a joint's commanded and actual mean speeds in overlapping windows [rad/s; m/s], shape (M,) each.
 
-    Positions tell the actual speed, because a velocity register may be late, coarse or absent.
+    Actual speeds are from positions, because a velocity register may be late, coarse or absent.
     """
     time, command, position = recording.time, recording.commands[:, index], recording.positions[:, index]
     rows = max(1, int(np.searchsorted(time, time[0] + AVERAGING_TIME)))

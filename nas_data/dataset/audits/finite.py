@@ -1,4 +1,4 @@
-"""NaN and infinity: no row that holds one can be imported."""
+"""NaN and infinity: rows with such values cannot be imported."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from nas_data.dataset.recording import Recording
 
 
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
-    """Refuse values that are no finite numbers, by quantity and row."""
+    """Refuse values that are not finite, by quantity and row."""
     columns = {
         "time": recording.time,
         "position": recording.positions,

@@ -1,4 +1,4 @@
-"""Following: each joint goes where its own command goes, not where another joint's does."""
+"""Following: each joint follows its own command and not another joint's."""
 
 import numpy as np
 
@@ -6,11 +6,11 @@ from nas_data.dataset.audits.base import AuditFinding, Expected, find_radian_equ
 from nas_data.dataset.features import POSITION, VELOCITY
 from nas_data.dataset.recording import Recording
 
-MIN_ROWS = 20  # rows from which a correlation says something
-MIN_DEVIATION = 0.05  # [rad] standard deviation of a position that is more than sag or play
-MIN_CORRELATION = 0.9  # correlation from which a position follows a command
-MAX_UNRELATED_CORRELATION = 0.5  # correlation up to which it does not
-MAX_DISTANCE_RATIO = 0.5  # how much less a position must differ from another joint's command than from its own
+MIN_ROWS = 20  # fewest rows for a meaningful correlation
+MIN_DEVIATION = 0.05  # [rad] smallest standard deviation of a position that exceeds droop and play
+MIN_CORRELATION = 0.9  # correlation above which a position follows a command
+MAX_UNRELATED_CORRELATION = 0.5  # correlation below which it does not
+MAX_DISTANCE_RATIO = 0.5  # largest distance of a position from another joint's command over that from its own
 
 
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
@@ -21,7 +21,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
 
 
 def _report_copied_commands(recording: Recording, expected: Expected) -> list[AuditFinding]:
-    """Report joints whose command equals what was measured in all rows: no servo is so good, a column is so."""
+    """Report joints whose command equals the measurement in all rows: a copied column, not a perfect servo."""
     found = []
     for kind, name in ((POSITION, "position"), (VELOCITY, "velocity")):
         measured = recording.positions if kind == POSITION else recording.velocities
@@ -38,7 +38,7 @@ def _report_copied_commands(recording: Recording, expected: Expected) -> list[Au
 
 
 def _report_swapped_commands(recording: Recording, expected: Expected) -> list[AuditFinding]:
-    """Report joints that move with another joint's command and not with their own; both are commanded positions."""
+    """Report joints that follow another joint's command and not their own; both have position commands."""
     found, radians = [], find_radian_equivalents(recording, expected)
     positional = expected.find_commanded(recording.joints, POSITION)
     for index in np.flatnonzero(positional):
@@ -66,5 +66,5 @@ def _report_swapped_commands(recording: Recording, expected: Expected) -> list[A
 
 
 def _compute_correlation(position: np.ndarray, command: np.ndarray) -> float:
-    """Return the correlation; zero where the command rests."""
+    """Return the correlation; zero for a constant command."""
     return float(np.corrcoef(position, command)[0, 1]) if command.std() > 1e-9 else 0.0

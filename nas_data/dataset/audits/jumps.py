@@ -1,4 +1,4 @@
-"""Jumps: positions and velocities that no joint of this robot can reach from one row to the next."""
+"""Jumps: position changes between rows that the joint cannot make."""
 
 import numpy as np
 
@@ -6,18 +6,18 @@ from nas_data.dataset.audits.base import AuditFinding, Expected, find_radian_equ
 from nas_data.dataset.recording import Recording
 from nas_data.joint_units import USUAL_RANGE, convert_hinge_unit
 
-FASTEST = 50.0  # [rad/s] that no usual hinge reaches; a slide is not over with its range in less than 20 ms
+FASTEST = 50.0  # [rad/s] above any usual hinge; a slide needs more than 20 ms for its range
 WHOLE_TURN = 2 * np.pi  # [rad]
 
 
 def find_whole_turns(moves: np.ndarray) -> np.ndarray:
-    """Return which steps of a hinge's position [rad] are a whole turn to within a tenth, a mask of the same shape."""
+    """Return a mask of the steps of a hinge's position [rad] that are a whole turn to within 10 %, same shape."""
     return np.abs(np.abs(moves) - WHOLE_TURN) < 0.1 * WHOLE_TURN
 
 
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
-    """Report rows that a joint could only reach faster than the map's `max_speed`."""
-    # Rows of one time are judged by the nominal period; the timing audit has reported them.
+    """Report rows that a joint could only reach at more than the map's `max_speed`."""
+    # Rows with equal time, which the timing audit reports, are assumed one nominal period apart.
     steps = np.diff(recording.time)
     steps = np.where(steps > 0, steps, 1 / expected.rate)[:, None]
     moves = np.diff(recording.positions, axis=0)

@@ -1,4 +1,4 @@
-"""Limits: commands and positions outside the joint limits that the map gives."""
+"""Limits: commands and positions outside the joint limits in the map."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from nas_data.dataset.features import POSITION
 from nas_data.dataset.recording import Recording
 from nas_data.joint_units import find_joint_unit
 
-TOLERANCE = 1e-6  # [rad; m]; limits and logs are written with so many digits
+TOLERANCE = 1e-6  # [rad; m] rounding of written limits and logs
 
 
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:

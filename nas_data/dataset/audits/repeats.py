@@ -1,4 +1,4 @@
-"""Repeated samples: a reading that is bit for bit the one before while the joint or its command moves."""
+"""Repeated samples: readings that are bit-identical to the previous one while the joint or its command moves."""
 
 import numpy as np
 
@@ -9,20 +9,20 @@ from nas_data.dataset.noise import SMALLEST, find_quantisation_step
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.rows import find_row_spans
 
-MIN_QUANTA = 2.5  # [quanta] a joint that moves this far a row cannot give the same reading twice …
-MIN_MOVE_SHARE = 0.2  # … nor one that moves this share of its largest moves, where resampling has blurred the quanta
-AVERAGING_TIME = 0.05  # [s] on either side over which a speed is averaged where no register tells it
-COMMANDED = 0.02  # [rad], [rad/s] or [N·m]; a command that moves this far while all readings repeat is worth a word
-MIN_REPEAT_SECONDS = 0.1  # [s] such repeats that are shorter are ordinary rests of a quantised reading
-STUCK_SECONDS = 1.5  # [s] a joint that is still for so long …
-MIN_COMMAND_TRAVEL = 0.2  # … [rad] while its own command moves so far, does not follow it
-TOLERATED_SHARE = 0.02  # share of the rows in motion that may repeat: a lost answer now and then
-REGULAR = 0.7  # share of the gaps between repeats that are alike where the device has a rate of its own
-MIN_BEAT_REPEATS = 5  # repeats from which a beat can be told
+MIN_QUANTA = 2.5  # [quanta] a joint that moves this far per row cannot repeat a reading …
+MIN_MOVE_SHARE = 0.2  # … nor one that moves this share of its largest moves, if resampling has blurred the quanta
+AVERAGING_TIME = 0.05  # [s] on either side over which a speed is averaged if there is no velocity register
+COMMANDED = 0.02  # [rad], [rad/s] or [N·m] smallest range of a command during repeats that are reported
+MIN_REPEAT_SECONDS = 0.1  # [s] shorter repeats are normal for a quantised reading at rest
+STUCK_SECONDS = 1.5  # [s] a joint that stands still for this long …
+MIN_COMMAND_TRAVEL = 0.2  # … [rad] while its own command moves this far does not follow it
+TOLERATED_SHARE = 0.02  # tolerated share of repeats among rows in motion: an occasional lost reply
+REGULAR = 0.7  # share of equal gaps between repeats that shows the device's own rate
+MIN_BEAT_REPEATS = 5  # fewest repeats for such a rate
 
 
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
-    """Report repeated readings: surely stale ones, and those that stiction could explain as well."""
+    """Report repeated readings: those that are certainly stale, and those that stiction could explain as well."""
     same = _find_repeated_rows(recording)
     moving = _find_moving_rows(recording, expected)
     stale = same & moving
@@ -48,7 +48,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
 
 
 def _find_repeated_rows(recording: Recording) -> np.ndarray:
-    """Return which rows repeat position and velocity of all joints, shape (N,).
+    """Return a mask of the rows that repeat position and velocity of all joints, shape (N,).
 
     A velocity register that changes proves a fresh reading.
     """
@@ -60,10 +60,10 @@ def _find_repeated_rows(recording: Recording) -> np.ndarray:
 
 
 def _find_moving_rows(recording: Recording, expected: Expected) -> np.ndarray:
-    """Return which rows lie in a motion that must change the next reading, shape (N,).
+    """Return a mask of the rows in a motion that must change the next reading, shape (N,).
 
-    The motion a row is the velocity register's, or, where there is none, the smaller of the mean moves on either
-    side, in one direction; averaged, so that a repeat does not hide itself.
+    The motion per row is that of the velocity register. Without one, it is the smaller of the mean moves before and
+    after the row, if both have one direction; the average prevents a repeat from hiding itself.
     """
     positions = recording.positions
     if recording.velocities is not None:
@@ -81,7 +81,7 @@ def _find_moving_rows(recording: Recording, expected: Expected) -> np.ndarray:
 
 
 def _describe_pattern(stale: np.ndarray, rate: float) -> str:
-    """Say whether repeats come at a beat, which tells the device's own rate [Hz], or here and there."""
+    """Describe whether repeats are periodic, which shows the device's own rate [Hz], or irregular."""
     gaps = np.diff(np.flatnonzero(stale))
     beat = gaps[np.abs(gaps - np.median(gaps)) <= 1] if gaps.size else gaps
     if gaps.size >= MIN_BEAT_REPEATS and len(beat) >= REGULAR * len(gaps) and beat.mean() > 1:
@@ -94,7 +94,7 @@ def _describe_pattern(stale: np.ndarray, rate: float) -> str:
 
 
 def _find_held_rows(recording: Recording, expected: Expected, same: np.ndarray) -> np.ndarray:
-    """Return which repeated rows belong to a lasting run in which the command moves all the time, shape (N,)."""
+    """Return a mask of the repeated rows in long runs during which the command keeps moving, shape (N,)."""
     held = np.zeros(len(recording), bool)
     positional = expected.find_commanded(recording.joints, POSITION)
     least = COMMANDED * np.where(positional, find_radian_equivalents(recording, expected), 1.0)
@@ -107,7 +107,7 @@ def _find_held_rows(recording: Recording, expected: Expected, same: np.ndarray) 
 
 
 def _report_stuck_joints(recording: Recording, expected: Expected, said: np.ndarray) -> list[AuditFinding]:
-    """Report position servos whose reading alone stands still for long while their command goes far away and back."""
+    """Report position servos whose reading alone is constant for long while their command moves far."""
     found, radians = [], find_radian_equivalents(recording, expected)
     released = (recording.signals.get(TORQUE, np.ones((len(recording), 1))) == 0).any(axis=1)
     for index in np.flatnonzero(expected.find_commanded(recording.joints, POSITION)):

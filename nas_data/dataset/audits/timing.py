@@ -1,4 +1,4 @@
-"""Time: it must go on, at the promised rate, in even steps."""
+"""Time: it must increase, at the expected rate, in even steps."""
 
 import numpy as np
 
@@ -6,18 +6,18 @@ from nas_data.dataset.audits.base import AuditFinding, Expected, list_row_number
 from nas_data.dataset.recording import Recording
 
 RATE_NOTED = 0.005  # relative deviation of the rate that is reported …
-RATE_REFUSED = 0.05  # … and that is refused where rows stay as recorded
-RATE_FACTOR_REFUSED = 3.0  # … and where they are resampled: seconds taken for milliseconds, not a slower loop
-GAP = 2.0  # [periods] step that resampling cannot honestly fill
+RATE_REFUSED = 0.05  # … and that is refused if rows are not resampled
+RATE_FACTOR_REFUSED = 3.0  # … and if they are resampled: seconds in place of milliseconds, not a slower loop
+GAP = 2.0  # [periods] step that resampling cannot fill
 MISSING = 10.0  # [periods] fewer missing rows may be jitter or a busy computer …
-SECONDS = 0.2  # … [s] and shorter holes too little motion to lose, also at high rates
-TOLERATED_SHARE = 0.01  # share of uneven steps that no fit notices
-MOST_REPEATED = 0.5  # share of repeated times above which the clock does not tell when a row was measured
-STEP_ROUNDING = 1e-3  # share of a period that stamps with few digits round off
+SECONDS = 0.2  # … [s] and shorter gaps lose too little motion, even at high rates
+TOLERATED_SHARE = 0.01  # share of uneven steps that affects no fit
+MOST_REPEATED = 0.5  # share of repeated times above which the clock does not show when a row was measured
+STEP_ROUNDING = 1e-3  # rounding of time stamps with few digits, as a share of a period
 
 
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
-    """Report rows whose time goes back, stands still or jumps, and a rate that is not the promised one."""
+    """Report rows whose time decreases, repeats or jumps, and a rate other than expected."""
     if not np.isfinite(recording.time).all() or len(recording) < 2:
         return []
     steps = np.diff(recording.time)
@@ -50,24 +50,24 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     return (
         _report_division(recording)
         + found
-        + _rate(recording, steps, expected)
+        + _check_rate(recording, steps, expected)
         + _report_uneven_steps(recording, steps, expected)
     )
 
 
 def measure_rate(time: np.ndarray) -> float:
-    """Return the usual rate of rows at these times [Hz]; 0 where time never goes on."""
+    """Return the typical rate of rows at these times [Hz]; 0 if time never increases."""
     steps = np.diff(time)
     return float(1 / np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
 
 
 def find_holes(steps: np.ndarray, period: float) -> np.ndarray:
-    """Return which steps [s] are holes in which nothing was measured, shape (N,); `period` [s] is the usual step."""
+    """Return a mask of the steps [s] that are gaps in the measurement, shape (N,); `period` [s] is the typical step."""
     return np.asarray(steps > max(MISSING * period, SECONDS))
 
 
 def _report_division(recording: Recording) -> list[AuditFinding]:
-    """Report the hole before a recording's first row, at which its log was divided."""
+    """Report the gap before a recording's first row, at which its log was divided."""
     if not recording.gap:
         return []
     row = (int(recording.rows[0]),)
@@ -78,13 +78,13 @@ def _report_division(recording: Recording) -> list[AuditFinding]:
     return [AuditFinding("time_gap", recording.label, what, rows=row)]
 
 
-def _rate(recording: Recording, steps: np.ndarray, expected: Expected) -> list[AuditFinding]:
-    """Compare the usual rate with the promised one."""
+def _check_rate(recording: Recording, steps: np.ndarray, expected: Expected) -> list[AuditFinding]:
+    """Compare the typical rate with the expected one."""
     whole = steps[(steps > 0) & ~find_holes(steps, max(float(np.median(steps)), 1 / expected.rate))]
     if not whole.size:
         return []
     rates = [float(1 / np.median(whole))]
-    if len(whole) == len(steps):  # where steps alternate, their median is none that counts: the line through all is
+    if len(whole) == len(steps):  # alternating steps have no representative median: a line through all is tried
         rates.append(1 / float(np.polyfit(np.arange(len(recording)), recording.time, 1)[0]))
     nearest = min(rates, key=lambda rate: abs(rate / expected.rate - 1))
     off = abs(nearest / expected.rate - 1)
@@ -99,7 +99,7 @@ def _rate(recording: Recording, steps: np.ndarray, expected: Expected) -> list[A
 
 
 def _report_uneven_steps(recording: Recording, steps: np.ndarray, expected: Expected) -> list[AuditFinding]:
-    """Report holes and uneven steps; where rows are resampled only gaps that interpolation would have to invent."""
+    """Report gaps and uneven steps; with resampling, only gaps that interpolation would have to invent."""
     periods = steps * expected.rate
     if expected.resampled:
         gaps = list_row_numbers(recording.rows[1:], periods > GAP)
@@ -131,6 +131,6 @@ def _report_uneven_steps(recording: Recording, steps: np.ndarray, expected: Expe
 
 
 def _format_milliseconds(steps: np.ndarray) -> str:
-    """Return the range of some steps, or their one length."""
+    """Return the range of some steps, or their common length."""
     low, high = f"{steps.min() * 1e3:.4g}", f"{steps.max() * 1e3:.4g}"
     return low if low == high else f"{low} to {high}"

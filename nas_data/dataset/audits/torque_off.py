@@ -1,4 +1,4 @@
-"""Torque off: rows in which the commands cannot act because the servo is released."""
+"""Torque off: rows in which commands have no effect because the servo is off."""
 
 from nas_data.dataset.audits.base import AuditFinding, Expected, list_row_numbers
 from nas_data.dataset.recording import Recording

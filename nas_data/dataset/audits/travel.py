@@ -1,4 +1,4 @@
-"""Travel: how far a position goes in a while against what its velocity register says of that while."""
+"""Motion: the change of a position in a time window against the integral of its velocity register."""
 
 import numpy as np
 
@@ -7,17 +7,17 @@ from nas_data.dataset.audits.velocity import LATEST, STEP, VelocityFit, fit_regi
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.rows import find_row_spans
 
-WINDOW_SECONDS = 0.2  # [s]; a register's filter and a coarse encoder even out over it
-ROWS = 5  # fewer rows cannot tell a mean speed
-MIN_SPEED_DIFFERENCE = 0.3  # [rad/s] difference of mean speeds that is more than the step of a register …
-MIN_DIFFERENCE_SHARE = 0.5  # … and the share of the larger speed that no filter takes away
-FROZEN = 0.5  # [s]; a position that never changes for so long …
-MIN_REGISTER_TRAVEL = 0.1  # [rad] … while the register travels so far, was not measured
-MIN_WINDOWS = 2  # [whiles] one wrong sample spoils one while, a contradiction lasts longer
+WINDOW_SECONDS = 0.2  # [s] a register's filter and a coarse encoder average out over it
+ROWS = 5  # fewest rows for a mean speed
+MIN_SPEED_DIFFERENCE = 0.3  # [rad/s] smallest difference of mean speeds, above the resolution of a register …
+MIN_DIFFERENCE_SHARE = 0.5  # … and smallest share of the larger speed, above what a filter removes
+FROZEN = 0.5  # [s] a position that is constant for this long …
+MIN_REGISTER_TRAVEL = 0.1  # [rad] … while the register's integral changes this much was not measured
+MIN_WINDOWS = 2  # [windows] one wrong sample affects one window, a contradiction lasts longer
 
 
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
-    """Report rows in which a joint's position does not go where its velocity takes it, or the reverse."""
+    """Report rows in which a joint's position contradicts its velocity."""
     once = np.concatenate([[True], np.diff(recording.time) > 0])
     if recording.velocities is None or np.count_nonzero(once) <= MIN_WINDOWS * max(
         round(WINDOW_SECONDS * expected.rate), ROWS
@@ -25,7 +25,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
         return []
     found, radians = [], find_radian_equivalents(recording, expected)
     for index, joint in enumerate(recording.joints):
-        # A register that is zero all the time is the velocity audit's finding.
+        # The velocity audit reports a register that is always zero.
         if not recording.velocities[:, index].any():
             continue
         fit = fit_register(recording, index, 1 / expected.rate)
@@ -50,7 +50,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
 def _find_contradicting_rows(
     recording: Recording, expected: Expected, index: int, fit: VelocityFit, radian: float
 ) -> np.ndarray:
-    """Return which rows lie in lasting runs of whiles whose mean speeds disagree, shape (N,)."""
+    """Return a mask of the rows in long runs of windows whose mean speeds disagree, shape (N,)."""
     assert recording.velocities is not None
     rows = max(round(WINDOW_SECONDS * expected.rate), ROWS)
     once = np.concatenate([[True], np.diff(recording.time) > 0])
@@ -58,12 +58,12 @@ def _find_contradicting_rows(
     register = np.interp(time + fit.delay / expected.rate, time, recording.velocities[once, index]) / fit.factor
     travel = np.concatenate([[0.0], np.cumsum((register[1:] + register[:-1]) / 2 * np.diff(time))])
     span = time[rows:] - time[:-rows]
-    gone, said = (position[rows:] - position[:-rows]) / span, (travel[rows:] - travel[:-rows]) / span
-    larger = np.maximum(np.abs(gone), np.abs(said))
-    # Samples of a velocity miss what happens between them: up to half of how much the moves from row to row change.
+    moved, integrated = (position[rows:] - position[:-rows]) / span, (travel[rows:] - travel[:-rows]) / span
+    larger = np.maximum(np.abs(moved), np.abs(integrated))
+    # Velocity samples miss the motion between them: up to half of the change of the moves from row to row.
     changes = np.cumsum(np.abs(np.diff(position, 2, prepend=[position[0]] * 2)))
     missed = (changes[rows:] - changes[:-rows]) / 2 / span
-    apart = np.abs(gone - said) > np.maximum(
+    apart = np.abs(moved - integrated) > np.maximum(
         np.maximum(MIN_SPEED_DIFFERENCE * radian, MIN_DIFFERENCE_SHARE * larger), missed
     )
     wrong = np.zeros(len(time), bool)
@@ -76,7 +76,7 @@ def _find_contradicting_rows(
 
 
 def _find_frozen_rows(recording: Recording, expected: Expected, index: int, radian: float) -> np.ndarray:
-    """Return which rows repeat a position for long while the register runs, however late it is, shape (N,)."""
+    """Return a mask of the rows with a long constant position while the register shows motion, shape (N,)."""
     assert recording.velocities is not None
     position, register = recording.positions[:, index], recording.velocities[:, index]
     frozen = np.zeros(len(recording), bool)

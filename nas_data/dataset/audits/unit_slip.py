@@ -1,4 +1,4 @@
-"""Unit slips: what no joint reaches, because degrees were read as radians, millimetres as metres, or ticks."""
+"""Wrong units: values that no joint reaches, because degrees were read as radians, millimetres as metres, or ticks."""
 
 import numpy as np
 
@@ -8,19 +8,19 @@ from nas_data.dataset.joints import LARGEST_ANGLE, LARGEST_LENGTH
 from nas_data.dataset.recording import Recording
 from nas_data.joint_units import find_joint_unit
 
-LARGEST_POSITIONS = {  # by whether a joint is a slide: how far it goes at most, in words too, and what the log may hold
+LARGEST_POSITIONS = {  # by whether a joint is a slide: largest position, the same in words, likely unit of the log
     False: (LARGEST_ANGLE, "two turns", "degrees or ticks"),
     True: (LARGEST_LENGTH, "any arm's slide goes", "millimetres or ticks"),
 }
-LIMIT_EXCESS_SHARE = 0.5  # share of the range by which a measured position cannot exceed its limits
+LIMIT_EXCESS_SHARE = 0.5  # share of the range by which a position cannot exceed its limits
 
 
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
-    """Refuse positions and commands that cannot be in the unit that they are said to be in."""
+    """Refuse positions and commands that cannot be in their stated unit."""
     found = []
     if not expected.turns:
         found += _report_large_values(recording, expected, "position", recording.positions)
-        # Commanded speeds and torques have no largest value.
+        # Speed and torque commands have no largest plausible value.
         angles = np.where(expected.find_commanded(recording.joints, POSITION), recording.commands, 0.0)
         found += _report_large_values(recording, expected, "command", angles)
     return found or _report_limit_excess(recording, expected)
@@ -30,13 +30,13 @@ def _report_large_values(recording: Recording, expected: Expected, what: str, va
     found = []
     for index, joint in enumerate(recording.joints):
         size = np.abs(values[:, index])
-        most, told, units = LARGEST_POSITIONS[joint in expected.slides]
+        most, words, units = LARGEST_POSITIONS[joint in expected.slides]
         rows = list_row_numbers(recording.rows, size > most)
         if rows:
             unit = find_joint_unit(joint, expected.slides).si
             text = (
                 f"the {what} of {joint} reaches {size.max():.4g} {unit} in {recording.name_rows(rows)}, "
-                f"more than {told}"
+                f"more than {words}"
             )
             remedy = (
                 f"if the log is in {units}, say so: {_name_key(what, joint)}; if the joint does go so far, "
@@ -47,12 +47,12 @@ def _report_large_values(recording: Recording, expected: Expected, what: str, va
 
 
 def _name_key(what: str, joint: str) -> str:
-    """Return where a map says the unit: a joint may have a table of its own."""
+    """Return the map's key for the unit; a joint may have a table of its own."""
     return f"unit in [read.{what}], or in [read.{what}.joints.{joint}] where the map has it"
 
 
 def _report_limit_excess(recording: Recording, expected: Expected) -> list[AuditFinding]:
-    """A joint cannot turn far beyond its limits: the number must mean something else."""
+    """Report positions far beyond the joint's limits, which must have another unit."""
     found = []
     for joint, (low, high) in expected.limits.items():
         values = recording.positions[:, recording.joints.index(joint)]

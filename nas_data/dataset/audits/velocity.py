@@ -1,4 +1,4 @@
-"""The velocity register against the differenced position: its unit, its sign, its delay."""
+"""The velocity register against differenced positions: unit, sign and delay."""
 
 from dataclasses import dataclass, replace
 
@@ -9,24 +9,24 @@ from nas_data.dataset.features import POSITION
 from nas_data.dataset.recording import Recording
 from nas_data.joint_units import convert_hinge_unit
 
-UNLIKE_DISTANCE = 0.44  # distance as a share of the speed from which they are not the same motion: a correlation of 0.9
+UNLIKE_DISTANCE = 0.44  # relative distance of two speeds above which the motions differ: a correlation of 0.9
 COMPARED_SHARE = 0.95  # share of the rows that are compared
-MIN_IMPROVEMENT = 0.02  # by how much the distance must shrink for a delay to be believed
-AVERAGING_TIME = 0.05  # [s] on either side over which velocities are averaged: one quantum is not a motion
-HALVES_TOLERANCE = 0.25  # share by which both halves of a span may differ
-SLOWEST = 0.1  # share of the greatest speed from which a row counts
-MIN_MOVING_ROWS = 50  # rows in motion from which a factor is worth naming
-LATEST, LONGEST = 6.0, 0.06  # [periods], [s] latest register that is looked for
-STEP, FINEST = 0.25, 1e-3  # [periods], [s] between the delays that are tried
-LATE, LEAST = 0.6, 3e-3  # [periods], [s] delay that is reported
-MIN_CORRELATION = 0.9  # correlation from which register and difference are the same motion
-FACTOR_NOTED = 1.15  # a register filters what it measures, which costs it a few percent of the amplitude
+MIN_IMPROVEMENT = 0.02  # smallest reduction of the distance that shows a delay
+AVERAGING_TIME = 0.05  # [s] on either side over which velocities are averaged: a single quantum is no motion
+HALVES_TOLERANCE = 0.25  # relative difference up to which both halves of a span count as equal
+SLOWEST = 0.1  # share of the greatest speed below which a row is ignored
+MIN_MOVING_ROWS = 50  # fewest rows in motion for a factor
+LATEST, LONGEST = 6.0, 0.06  # [periods], [s] largest delay that is tried
+STEP, FINEST = 0.25, 1e-3  # [periods], [s] step of the tried delays
+LATE, LEAST = 0.6, 3e-3  # [periods], [s] smallest delay that is reported
+MIN_CORRELATION = 0.9  # correlation above which register and difference are the same motion
+FACTOR_NOTED = 1.15  # a register's filter reduces the amplitude by a few percent
 SPEED_WINDOW = 0.2  # [s]
-CERTAIN_SPEED = 0.3  # [rad/s] mean speed over that while which any register shows; the STS3215's step is 0.08 rad/s
-FACTOR_TOLERANCE = 0.1  # relative distance within which a factor is a known one …
-EXACT_FACTOR_TOLERANCE = 0.02  # … and where the sampling may be a reason as well
-FAST = 0.25  # share of the way to its command in one row from which a sampled velocity is clearly below the mean one
-OVERSHOT = 1.05  # share of the way from which a joint overshoots
+CERTAIN_SPEED = 0.3  # [rad/s] mean speed in that window that any register resolves; the STS3215's step is 0.08 rad/s
+FACTOR_TOLERANCE = 0.1  # relative distance within which a factor equals a known one …
+EXACT_FACTOR_TOLERANCE = 0.02  # … and within which it does if the sampling could explain it as well
+FAST = 0.25  # share of the distance to its command per row above which a sampled velocity is clearly below the mean
+OVERSHOT = 1.05  # share of that distance above which a joint overshoots
 
 KNOWN = {  # at hinges
     57.2958: "degrees and radians",
@@ -40,12 +40,12 @@ KNOWN_OF_SLIDES = {1000.0: "millimetres and metres, or seconds and milliseconds"
 
 @dataclass(frozen=True)
 class VelocityFit:
-    """How one joint's register relates to its differenced position.
+    """Relation of one joint's register to its differenced position.
 
     Attributes:
-        factor: Register per difference.
-        delay: How late the register is [periods].
-        way: Share of the way to its command that the joint makes in one row.
+        factor: Register over difference.
+        delay: Delay of the register [periods].
+        way: Share of the distance to its command that the joint moves in one row.
     """
 
     factor: float
@@ -53,16 +53,16 @@ class VelocityFit:
     way: float = 0.0
 
     def explained(self) -> bool:
-        """Whether the sampling alone may be why register and difference disagree.
+        """Whether the sampling alone may explain the difference of register and positions.
 
-        A joint that is done with a command within a row is fast after each new command and slow when it is sampled,
-        every row alike: its velocity there is less than its mean velocity, and where it overshoots it may be anything.
+        A joint that reaches its command within a row is fast after each new command and slow when it is sampled. Its
+        sampled velocity is then below its mean velocity in every row, and arbitrary if it overshoots.
         """
         return self.way > OVERSHOT or (self.way > FAST and 0 < self.factor < 1)
 
 
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
-    """Refuse velocities of another unit or sign than the positions; report other factors, and a late register."""
+    """Refuse velocities of another unit or sign than the positions; report other factors and a late register."""
     if recording.velocities is None:
         return []
     fits = {
@@ -71,10 +71,10 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
         if (fit := fit_register(recording, index, 1 / expected.rate)) is not None
     }
     positional = dict(zip(recording.joints, expected.find_commanded(recording.joints, POSITION), strict=True))
-    # How soon a joint is done with a torque or a speed, nothing tells.
+    # How soon a joint responds to a torque or speed command is unknown.
     fits = {joint: fit if positional[joint] else replace(fit, way=1.0) for joint, fit in fits.items()}
     found = _report_silent_registers(recording, expected) + _report_wrong_scales(recording, expected, fits)
-    if expected.derived:  # the register is only kept beside the velocities
+    if expected.derived:  # the register is then only an extra signal
         found = [replace(finding, error=False) for finding in found]
     least = LEAST * expected.rate
     late = {joint: fit.delay for joint, fit in fits.items() if fit.delay >= max(LATE + (fit.way > FAST), least)}
@@ -90,14 +90,14 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
 
 
 def fit_register(recording: Recording, index: int, period: float) -> VelocityFit | None:
-    """Fit the register's mean over a while to the mean velocity that the positions have over an earlier one.
+    """Fit the register's mean over a window to the mean velocity from positions over an earlier window.
 
-    Both are means over the same span, so that neither noise nor the span itself makes a difference. Only steady motion
-    counts, in which a joint comes as far in the first half of a span as in the second: where a fast servo is over with
-    a step within two rows, samples of its velocity say nothing about how far it went between them.
+    Both windows have one length, so that neither noise nor the length matters. Only steady motion counts, with equal
+    distances in the first and second half of a window. If a fast servo completes a step within two rows, samples of its
+    velocity do not show the motion between them.
 
     Returns:
-        None where too little of the motion is steady to tell.
+        None if too little of the motion is steady.
     """
     assert recording.velocities is not None
     once = np.concatenate([[True], np.diff(recording.time) > 0])
@@ -112,35 +112,35 @@ def fit_register(recording: Recording, index: int, period: float) -> VelocityFit
     steady = np.abs(first - second) <= HALVES_TOLERANCE * np.maximum(np.abs(first), np.abs(second))
     steady &= np.abs(speed) > SLOWEST * np.abs(speed).max()
     travel = np.concatenate([[0.0], np.cumsum((register[1:] + register[:-1]) / 2 * np.diff(time))])
-    told = (travel[2 * reach :] - travel[: -2 * reach]) / spans
+    measured = (travel[2 * reach :] - travel[: -2 * reach]) / spans
 
     def compare(delay: float) -> tuple[float, float, float]:
-        """Return how far register and delayed motion are apart as a share, the delay [s] and the factor."""
+        """Return the relative distance of register and delayed motion, the delay [s] and the factor."""
         rows = np.flatnonzero(np.interp(middles - delay, middles, steady, left=0, right=0) == 1)
         if len(rows) < MIN_MOVING_ROWS // 2:
             return float(np.inf), delay, 1.0
-        factor, apart = _fit(np.interp(middles[rows] - delay, middles, speed), told[rows])
+        factor, apart = _fit(np.interp(middles[rows] - delay, middles, speed), measured[rows])
         return apart, delay, factor
 
     best = undelayed = compare(0.0)
-    if undelayed[0] > MIN_IMPROVEMENT:  # else no delay can bring them clearly nearer
+    if undelayed[0] > MIN_IMPROVEMENT:  # otherwise no delay improves the fit clearly
         step = max(STEP * period, FINEST)
         delayed = min(
             compare(float(number * step)) for number in range(-1, int(max(LATEST * period, LONGEST) / step) + 2)
         )
-        # So steady may the motion be that its delay does not show.
+        # The motion may be too steady to show its delay.
         best = delayed if delayed[0] < undelayed[0] - MIN_IMPROVEMENT else undelayed
     apart, delay, factor = best
     if apart > UNLIKE_DISTANCE:
         return None
     way = _estimate_travel_share(recording, index)
-    if undelayed[0] > MIN_IMPROVEMENT and way <= FAST:  # else both delays look alike
+    if undelayed[0] > MIN_IMPROVEMENT and way <= FAST:  # otherwise both delays are equivalent
         delay = _find_delay(time, position, register, period) or delay
     return VelocityFit(factor, delay / period, way)
 
 
 def _find_delay(time: np.ndarray, position: np.ndarray, register: np.ndarray, period: float) -> float | None:
-    """Return the delay [s] at which register and differenced position are most alike over all rows; None if nowhere."""
+    """Return the delay [s] at which register and differenced position agree best over all rows; None if nowhere."""
     difference, middles = np.diff(position) / np.diff(time), (time[1:] + time[:-1]) / 2
     best: tuple[float, float | None] = (MIN_CORRELATION, None)
     for delay in np.arange(-1.0, LATEST + STEP, STEP) * period:
@@ -152,9 +152,9 @@ def _find_delay(time: np.ndarray, position: np.ndarray, register: np.ndarray, pe
 
 
 def _fit(earlier: np.ndarray, later: np.ndarray) -> tuple[float, float]:
-    """Return the factor between speeds, and how far they are apart beside it as a share; without the worst rows.
+    """Return the factor between speeds, and their remaining relative distance; the worst rows are excluded.
 
-    Single wrong samples are the finding of another audit.
+    Another audit reports single wrong samples.
     """
     rest = np.abs(later - float(np.median(later / earlier)) * earlier)
     kept = rest <= np.quantile(rest, COMPARED_SHARE)
@@ -167,7 +167,7 @@ def _fit(earlier: np.ndarray, later: np.ndarray) -> tuple[float, float]:
 
 
 def _report_silent_registers(recording: Recording, expected: Expected) -> list[AuditFinding]:
-    """Refuse registers that are zero in all rows although their joint moves."""
+    """Refuse registers that are always zero although their joint moves."""
     assert recording.velocities is not None
     rows = max(round(SPEED_WINDOW * expected.rate), 1)
     if len(recording) <= rows:
@@ -214,11 +214,11 @@ def _is(value: float, wanted: float, near: float) -> bool:
 
 
 def _estimate_travel_share(recording: Recording, index: int) -> float:
-    """Return what share of the way to its command a joint makes in one row, usually; above 1 where it overshoots."""
+    """Return the typical share of the distance to its command that a joint moves per row; above 1 for overshoot."""
     position, command = recording.positions[:, index], recording.commands[:, index]
     moves = np.diff(position)
     rows = np.abs(moves) > SLOWEST * np.abs(moves).max(initial=0.0)
-    # A row's command acts after its state or before it; the nearer one tells the faster servo.
+    # A row's command acts before or after its state; the nearer one implies the faster servo.
     shares = [
         np.median((moves / np.where(ways == 0, np.inf, ways))[rows])
         for ways in (command[:-1] - position[:-1], command[1:] - position[:-1])

@@ -1,4 +1,4 @@
-"""Values of servos that the compiler derives from their joint, and would derive anew after each edit."""
+"""Values of servos that the compiler derives from their joint, and would derive again after each edit."""
 
 import mujoco
 

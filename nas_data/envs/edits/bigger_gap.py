@@ -13,7 +13,7 @@ def widen_gap(spec: mujoco.MjSpec, joint: str, object_body: str | None = None) -
     Args:
         spec: Model.
         joint: First joint of the arm.
-        object_body: The object, whose slides' damping is its friction on the table; None where there is none.
+        object_body: The object; the damping of its slides is its friction on the table. None for no object.
     """
     scale_mass(spec.joint(joint).parent, ARM)
     if object_body is None:

@@ -67,7 +67,7 @@ class ArmVecEnv(VecEnv):
         return self._seen.copy()
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Take the actions (B, a)."""
+        """Store the actions (B, a) for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, object]]]:
@@ -123,5 +123,5 @@ class ArmVecEnv(VecEnv):
         return [False for _ in self._get_indices(indices)]
 
     def get_images(self) -> Sequence[np.ndarray | None]:
-        """Return nothing to see, once for each row."""
+        """Return None once for each row: there are no images."""
         return [None] * self.num_envs

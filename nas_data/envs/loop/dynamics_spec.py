@@ -67,7 +67,8 @@ class DynamicsSpec:
 
         Raises:
             UnknownName: there is no such environment or engine, or it has no such dynamics.
-            OptionError: the effects cannot be read, or a plant is to be both randomised and learned or named.
+            OptionError: the effects cannot be read, or both randomisation and a learned or named correction are
+                requested.
             CheckpointError: the checkpoint is damaged or does not fit the environment.
             JointMismatch: the effects or the checkpoint belong to another robot.
         """
@@ -82,7 +83,7 @@ class DynamicsSpec:
         return LearnedStepper(simulator.stepper(size), load_model(Path(self.checkpoint), simulator))
 
     def describe(self) -> dict[str, object]:
-        """Return the description for provenance; plants with equal behaviour have equal descriptions.
+        """Return the description for provenance; specifications with equal behaviour have equal descriptions.
 
         Raises:
             UnknownName: there is no such environment or engine, or it has no such dynamics.

@@ -54,7 +54,7 @@ class TaskBatch:
 
         Args:
             rngs: One generator per row that starts.
-            rows: Which rows start, shape (rows,); all where None.
+            rows: Rows that start, shape (rows,); all if None.
         """
         starts = [self.task.start(rng) for rng in rngs]
         goals = np.stack([start.goal for start in starts])
@@ -84,7 +84,7 @@ class TaskBatch:
 
         Raises:
             OptionError: an action is not finite, or the actions have another shape.
-            SimulationDiverged: every simulation left all bounds in the very first step.
+            SimulationDiverged: every simulation diverged in the first step.
         """
         goals = self.goals
         self._check(actions)
@@ -100,7 +100,7 @@ class TaskBatch:
         return verdict, (self.elapsed >= self.task.horizon) & ~verdict.terminated
 
     def _check(self, actions: np.ndarray) -> None:
-        """Refuse actions that no command could be made of; to clip an infinite one would hide a policy's fault."""
+        """Refuse invalid actions; clipping an infinite one would hide a policy's error."""
         wanted = (self.size, *self.task.action_space.shape)
         if np.shape(actions) != wanted:
             raise OptionError(f"The actions have the shape {np.shape(actions)[1:]}; {wanted[1:]} is needed.")
@@ -110,13 +110,13 @@ class TaskBatch:
             raise OptionError(f"Number {place} of the action is {actions[row, place]}; finite numbers are needed.")
 
     def _terminate_lost_rows(self, verdict: StepResult) -> StepResult:
-        """Return a verdict in which the rows that left all bounds have ended badly."""
+        """Return the result with diverged rows terminated without success."""
         if not np.isfinite(self.least):
             raise SimulationDiverged(
                 f"The simulation of {self.task.robot} left all bounds in its first step; "
                 "its model or checkpoint is not stable for these commands."
             )
-        due = self.task.horizon - self.elapsed + 1  # control steps, this one included
+        due = self.task.horizon - self.elapsed + 1  # control steps, including this one
         return StepResult(
             reward=np.where(self.lost, due * min(self.least, 0.0), verdict.reward),
             terminated=verdict.terminated | self.lost,

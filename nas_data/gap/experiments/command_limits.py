@@ -27,7 +27,7 @@ class CommandRange:
         home: Command of the initial pose [rad or N·m], shape (n,).
         low: Lowest commands, shape (n,).
         high: Highest commands, shape (n,).
-        radians: Equivalent of a radian in each joint's commands, shape (n,); see `joint_units.radians_at`.
+        radians: Equivalent of a radian in each joint's commands, shape (n,); see `joint_units.compute_angle_scales`.
         fastest: Largest speed of each joint [rad/s; m/s], shape (n,).
     """
 
@@ -103,5 +103,5 @@ def find_rest_pose(nominal: Nominal) -> np.ndarray:
 
 
 def mask_joints(joints: Sequence[str], moved: Sequence[str]) -> np.ndarray:
-    """Return which joints are in `moved`, shape (n,)."""
+    """Return a mask of the joints in `moved`, shape (n,)."""
     return np.array([joint in moved for joint in joints])

@@ -1,15 +1,15 @@
-"""An identified model as files that `bam.model.load_model` of BAM (github.com/Rhoban/bam) reads, one a joint.
+"""Export as files for `bam.model.load_model` of BAM (github.com/Rhoban/bam), one per joint.
 
 BAM describes a servo by its motor. With a position error e and the speed ω its actuator `sts3215` gives the torque
 
     (k_t / R) · V_in · clip(k_p · g · r · e, ±d) − (k_t² / R) · ω
 
-with V_in, k_p, g and d constants of its own, r the parameter `error_gain_ratio`, and a goal that moves no faster than
-`max_velocity`. With the gain K, the velocity feedback D and the largest torque L of a joint,
+where V_in, k_p, g and d are its constants, r is the parameter `error_gain_ratio`, and `max_velocity` limits the goal's
+speed. With the gain K, the velocity feedback D and the largest torque L of a joint,
 
     k_t / R = L / (V_in · d),   k_t = D / (k_t / R),   r = K · d / (L · k_p · g);
 
-without a largest torque r is 1 and k_t / R is K / (V_in · k_p · g). Friction is M1 to M4 of Rhoban's paper
+without a torque limit, r is 1 and k_t / R is K / (V_in · k_p · g). Friction is M1 to M4 of Rhoban's paper
 (arXiv:2410.08650): K_l · |τ_m − τ_ext| is 2 K_l · |τ_m| for a joint at rest, so that K_l is half of our ratio.
 """
 
@@ -20,11 +20,11 @@ from pathlib import Path
 from nas_data.gap.exporting.identified import Quantity
 
 FOLDER = "bam"
-ACTUATOR = "sts3215"  # the one of BAM's whose parameters say gain, torque limit and speed limit
+ACTUATOR = "sts3215"  # BAM's actuator with parameters for gain, torque limit and speed limit
 VOLTAGE = 7.4  # [V] V_in of that actuator
-FIRMWARE_GAIN = 32.0  # k_p likewise
-ERROR_GAIN = 0.166  # [1/rad] g likewise
-LARGEST_DUTY = 0.97  # d likewise
+FIRMWARE_GAIN = 32.0  # k_p of that actuator
+ERROR_GAIN = 0.166  # [1/rad] g of that actuator
+LARGEST_DUTY = 0.97  # d of that actuator
 CURVATURE = 2.0  # BAM's alpha: our friction falls with exp(−(v / v_s)²)
 
 PLAIN = {  # our name: BAM's
@@ -34,7 +34,7 @@ PLAIN = {  # our name: BAM's
     "viscous_friction": "friction_viscous",
 }
 KEPT = {*PLAIN, "gain", "servo_damping", "torque_limit", "dry_friction", "load_friction"}
-OF_LINKS = {"mass"}  # quantities that are no part of a servo, and stay in model.xml
+OF_LINKS = {"mass"}  # quantities of links, not of servos; they stay in model.xml
 STRIBECK = {"stribeck_friction.torque", "stribeck_friction.kinetic_ratio", "stribeck_friction.stribeck_velocity"}
 
 

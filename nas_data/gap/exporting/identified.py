@@ -19,7 +19,7 @@ from nas_data.joint_units import convert_hinge_unit
 from nas_data.typed_json import from_json
 
 ROUNDING = 1e-9  # relative difference up to which values are equal
-RELATIVE_TOLERANCE = 1e-3  # relative difference up to which a report's value is that of an effects.json
+RELATIVE_TOLERANCE = 1e-3  # relative difference up to which a rounded value of a report equals that of an effects.json
 UNITS = {
     "gain": "N·m/rad",
     "servo_damping": "N·m·s/rad",
@@ -61,8 +61,8 @@ def list_quantities(
 ) -> list[Quantity]:
     """Return the quantities of each joint, then of the arm.
 
-    An effect that changes a quantity of the joint, such as its friction, is read from the model with the effect, at its
-    value and at both ends of its interval. Other effects are listed by their parameters.
+    For an effect that changes a quantity of the joint, such as its friction, the quantity is read from the model with
+    the effect. Both ends of its interval are read in the same way. Other effects are listed by their parameters.
 
     Args:
         nominal: Given model.
@@ -149,7 +149,7 @@ def _list_joint_quantities(
             ends = intervals.get((effect.name(), joint, parameter.name))
             if ends is None:
                 continue
-            moved = [_read_quantities(spec, joint, _with(effects, place, parameter, end)) for end in ends]
+            moved = [_read_quantities(spec, joint, _replace_parameter(effects, place, parameter, end)) for end in ends]
             for name, number in value.items():
                 off = [other[name] - number for other in moved if math.isfinite(other[name]) and math.isfinite(number)]
                 if any(off):
@@ -188,7 +188,7 @@ def _list_effect_quantities(spec: mujoco.MjSpec, effect: Effect, intervals: Inte
     ]
 
 
-def _with(effects: Sequence[Effect], place: int, parameter: Parameter, value: float) -> list[Effect]:
+def _replace_parameter(effects: Sequence[Effect], place: int, parameter: Parameter, value: float) -> list[Effect]:
     """Return effects with one parameter changed, clipped to its bounds."""
     lowest, highest = min(parameter.neutral, parameter.low), max(parameter.neutral, parameter.high)
     effect = effects[place]

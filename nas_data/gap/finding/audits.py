@@ -55,10 +55,10 @@ def summarise_audits(name: str, examined: Examined, checks: Sequence[str], sound
     if not kinds:
         return Check(name, sound)
     ok = all(finding.minor for members in kinds.values() for finding in members)
-    said = [describe_audit_findings(members, examined.dataset.n_episodes) for members in kinds.values()]
+    notes = [describe_audit_findings(members, examined.dataset.n_episodes) for members in kinds.values()]
     if advice and not ok:
-        said.append(f"{advice[0].upper()}{advice[1:]}.")
-    return Check(name, " ".join(said), ok)
+        notes.append(f"{advice[0].upper()}{advice[1:]}.")
+    return Check(name, " ".join(notes), ok)
 
 
 def describe_audit_findings(members: Sequence[AuditFinding], episodes: int) -> str:
@@ -151,9 +151,9 @@ def check_excitation(examined: Examined) -> Check:
     evidence = examined.recorded.evidence
     steady, still = find_constant_commands(evidence), find_unmoved_joints(evidence, examined.floor)
     found = [(steady, "the command never changes"), (still & ~steady, "the joint never moves although commanded to")]
-    said = [f"{join_chosen(evidence, chosen)}: {text}" for chosen, text in found if chosen.any()]
-    if said:
-        return Check("excitation", "; ".join(said) + ".", False)
+    notes = [f"{join_chosen(evidence, chosen)}: {text}" for chosen, text in found if chosen.any()]
+    if notes:
+        return Check("excitation", "; ".join(notes) + ".", False)
     return Check("excitation", "Every joint is commanded to move, and moves.")
 
 
@@ -163,12 +163,12 @@ def join_chosen(evidence: EpisodeBatch, chosen: np.ndarray) -> str:
 
 
 def find_constant_commands(evidence: EpisodeBatch) -> np.ndarray:
-    """Return which joints have constant commands, shape (n,)."""
+    """Return a mask of the joints with constant commands, shape (n,)."""
     return np.asarray(np.ptp(evidence.commands[evidence.mask], axis=0) <= CONSTANT_TOLERANCE)
 
 
 def find_unmoved_joints(evidence: EpisodeBatch, floor: np.ndarray) -> np.ndarray:
-    """Return which joints do not move in any episode, shape (n,)."""
+    """Return a mask of the joints that do not move in any episode, shape (n,)."""
     span = np.ptp(np.concatenate([evidence.initial_positions[:, None], evidence.measured], axis=1), axis=1)
     return np.asarray(span.max(axis=0) <= RESTING_FLOORS * floor)
 
@@ -189,21 +189,21 @@ def check_saturation(examined: Examined) -> Check:
     counts = examined.recorded.evidence.mask
     saturated = examined.loads.saturated[counts].mean(axis=0)
     beyond = find_out_of_range(examined)[counts].mean(axis=0)
-    said = []
+    notes = []
     if (saturated > REPORTED_SHARE).any():
-        said.append(f"the model's servo is at its torque limit in {describe_shares(examined, saturated)}")
+        notes.append(f"the model's servo is at its torque limit in {describe_shares(examined, saturated)}")
     if (saturated > EXCESSIVE_SHARE).any():
-        said.append("most of the time at the limit is a gain (kp) too high for its torque: look at the model")
+        notes.append("most of the time at the limit is a gain (kp) too high for its torque: look at the model")
     if (beyond > REPORTED_SHARE).any():
-        said.append(
+        notes.append(
             f"commands leave the model's range in {describe_shares(examined, beyond)}: the model cuts them off, "
             "the robot may have done otherwise"
         )
-    if not said:
+    if not notes:
         return Check(
             "saturation", "The model's servos are below their torque limits and the commands within its ranges."
         )
-    text = "; ".join(said)
+    text = "; ".join(notes)
     return Check(
         "saturation",
         text[0].upper() + text[1:] + ".",
@@ -220,7 +220,7 @@ def describe_shares(examined: Examined, values: np.ndarray) -> str:
 
 
 def find_out_of_range(examined: Examined) -> np.ndarray:
-    """Return which commands lie outside the model's range, shape (E, T, n)."""
+    """Return a mask of the commands outside the model's range, shape (E, T, n)."""
     simulator = examined.nominal.simulator()
     low, high = command_limits(simulator.model, simulator.joints, str(simulator.robot.mjcf))
     commands = examined.recorded.evidence.commands

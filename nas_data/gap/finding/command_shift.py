@@ -27,13 +27,13 @@ def check_command_shift(examined: Examined) -> Check:
         return Check(
             "command shift", "No joint follows its commands clearly better when they are moved by one or two rows."
         )
-    said, ok = [], True
+    notes, ok = [], True
     for shift in np.unique(best[best != 0]).tolist():
         alike = (np.sign(best) == np.sign(shift)) & (best <= SLIPS)
         slip = shift <= SLIPS and 2 * alike.sum() > visible.sum()
-        said.append(describe_shift(select_names(examined, best == shift), shift, slip, examined.nominal.period))
+        notes.append(describe_shift(select_names(examined, best == shift), shift, slip, examined.nominal.period))
         ok &= not slip
-    return Check("command shift", " ".join(said), ok)
+    return Check("command shift", " ".join(notes), ok)
 
 
 def select_names(examined: Examined, chosen: np.ndarray) -> str:

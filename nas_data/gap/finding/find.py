@@ -26,8 +26,8 @@ RATES = 0.02  # relative difference above which episodes have different rates
 
 def list_undecidable(recorded: RecordedRows, floor: np.ndarray, regimes: Sequence[Bin]) -> tuple[str, ...]:
     """Return a sentence for each question that cannot be decided, with the remedy."""
-    said = [*check_motion(recorded, floor), *check_time(recorded), *check_episodes(recorded, regimes)]
-    return tuple(said)
+    notes = [*check_motion(recorded, floor), *check_time(recorded), *check_episodes(recorded, regimes)]
+    return tuple(notes)
 
 
 def check_motion(recorded: RecordedRows, floor: np.ndarray) -> list[str]:
@@ -37,36 +37,36 @@ def check_motion(recorded: RecordedRows, floor: np.ndarray) -> list[str]:
     if still.all():
         return ["No joint moves in any episode, so no gap can be explained: record the arm in motion."]
     steady = find_constant_commands(evidence)
-    said = []
+    notes = []
     if steady.any():
-        said.append(
+        notes.append(
             f"What is missing at {join_chosen(evidence, steady)} cannot be decided, because its command never changes: "
             "record commands that move it."
         )
     if (still & ~steady).any():
-        said.append(
+        notes.append(
             f"{join_chosen(evidence, still & ~steady)} never moves although it is commanded to, so no effect there can "
             "be told from a servo that is released, stuck or not connected."
         )
-    return said
+    return notes
 
 
 def check_time(recorded: RecordedRows) -> list[str]:
     """Report a recording that is too short or has several rates."""
-    said = []
+    notes = []
     seconds = float(recorded.evidence.mask.sum()) * recorded.evidence.period
     if seconds < SHORT:
-        said.append(f"The recording lasts {seconds:.2g} s, which is too short to tell effects apart: record a minute.")
+        notes.append(f"The recording lasts {seconds:.2g} s, which is too short to tell effects apart: record a minute.")
     steps = measure_periods(recorded)
     if steps is not None:
         rates = measure_rates(recorded, steps)
         if rates.max() / rates.min() > 1 + RATES:
             hertz = rates / recorded.evidence.period
-            said.append(
+            notes.append(
                 f"Episodes run at different rates, {hertz.min():.4g} to {hertz.max():.4g} Hz by their clock, so delays "
                 "and speeds cannot be decided: divide the dataset by rate, or import it with [resample]."
             )
-    return said
+    return notes
 
 
 def measure_periods(recorded: RecordedRows) -> np.ndarray | None:

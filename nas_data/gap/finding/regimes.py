@@ -58,7 +58,7 @@ def _compute_p_value(sums: np.ndarray, found: float, exact: bool) -> float:
 
 
 def correct_holm(chances: np.ndarray, level: float = LEVEL) -> np.ndarray:
-    """Return which of m tests with p-values (m,) are significant at a level by Holm's correction, shape (m,)."""
+    """Return a mask of the tests that are significant at a level by Holm's correction of p-values (m,), shape (m,)."""
     order = np.argsort(chances, kind="stable")
     passed = chances[order] <= level / np.arange(len(chances), 0, -1)
     result = np.zeros(len(chances), bool)

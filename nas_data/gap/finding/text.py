@@ -61,9 +61,9 @@ def format_regimes(joints: Mapping[str, JointGap], regimes: Sequence[Bin]) -> st
         worst = [b for b in bins if b.significant and b.rmse > SHOWN_RATIO * b.rest]
         worst = sorted(worst, key=lambda measured: -measured.rmse / max(measured.rest, 1e-9))[:MAX_REGIMES]
         unit = find_display_unit(gap.unit)
-        said = [describe_bin(measured, unit) for measured in worst] + describe_direction_errors(bins, gap.floor, unit)
-        if said and gap.ratio_to_noise > SHOWN_FLOORS:
-            lines.append(f"  {joint}  " + "; ".join(said))
+        notes = [describe_bin(measured, unit) for measured in worst] + describe_direction_errors(bins, gap.floor, unit)
+        if notes and gap.ratio_to_noise > SHOWN_FLOORS:
+            lines.append(f"  {joint}  " + "; ".join(notes))
     return "\n".join(lines) if lines else "  nowhere in particular"
 
 

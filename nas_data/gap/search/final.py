@@ -185,7 +185,7 @@ def compute_deviations(task: FitTask, found: Fit) -> tuple[np.ndarray, np.ndarra
 
 
 def read_existing_amount(task: FitTask, effect: Effect, parameter: Parameter) -> float:
-    """Return what the model already has of the quantity that an effect's first parameter adds to [its unit]."""
+    """Return the model's value of the quantity that an effect's first parameter adds to [its unit]."""
     if not effect.replaces or effect.joint is None or parameter is not effect.parameters[0]:
         return 0.0
     return read_own_amount(task.nominal.spec, effect.joint, effect.replaces)

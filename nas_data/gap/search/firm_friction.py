@@ -1,4 +1,4 @@
-"""Friction effects without a size of their own, in whose place the friction of the model is made firm."""
+"""Replacement of friction effects without a significant size by firm friction of the model."""
 
 from collections.abc import Mapping
 
@@ -16,10 +16,10 @@ SMALLEST_IMPEDANCE = 1e-4  # of a friction constraint, in MuJoCo
 
 
 def make_friction_firm(search: Search, kept: Hypothesis) -> tuple[Hypothesis, Mapping[str, float]]:
-    """Replace effects of friction whose size is not worth its price by firm friction of the model.
+    """Replace friction effects whose size is not worth its price by firm friction of the model.
 
-    Such an effect also makes the friction of its joint hold without creep. Where the model's own friction creeps, that
-    may be all that counts. The search goes on with a model whose friction is firm, and no effect is named.
+    Such an effect also stops the creep of its joint's friction, which may be all that it contributes. The search then
+    continues with a model whose friction is firm, and no effect is named.
 
     Returns:
         The hypothesis without these effects, and the factors of `JOINT.solimpfriction`.
@@ -30,7 +30,7 @@ def make_friction_firm(search: Search, kept: Hypothesis) -> tuple[Hypothesis, Ma
         if measure_firmness(given, effect) is None:
             continue
         before, train, name = search.current_round, search.train, f"{effect.joint}{FIRM}"
-        more = measure_firmness(train.nominal, effect) or 1.0  # than other effects of the joint have made it
+        more = measure_firmness(train.nominal, effect) or 1.0  # relative to the other effects of the joint
         search.make_friction_firm({name: more})
         other = leave_out(search, kept, effect)
         if other is not None and measure_loss(other) < measure_loss(kept) + PRICE:

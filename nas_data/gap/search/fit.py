@@ -118,7 +118,7 @@ def group_columns(task: FitTask, parameters: FreeParameters, columns: Sequence[i
 
 
 def find_moved_joints(task: FitTask, parameters: FreeParameters, column: int) -> np.ndarray | None:
-    """Return which joints a parameter moves, shape (n,); None if unknown."""
+    """Return a mask of the joints that a parameter moves, shape (n,); None if unknown."""
     label = parameters.labels[column]
     if not is_effect_or_freed(parameters, column):
         return task.moved_by_base.get(label[0])
@@ -137,7 +137,7 @@ def is_effect_or_freed(parameters: FreeParameters, column: int) -> bool:
 
 
 def group_moved_joints(task: FitTask, parameters: FreeParameters) -> MovedJoints:
-    """Return which joints are moved by the base parameters of each joint, masses excepted."""
+    """Return masks of the joints that the base parameters of each joint move, masses excepted."""
     found: dict[str | None, np.ndarray] = {}
     for parameter in parameters.base:
         if parameter.kind != "mass" and parameter.name in task.moved_by_base:
@@ -148,7 +148,7 @@ def group_moved_joints(task: FitTask, parameters: FreeParameters) -> MovedJoints
 def measure_moved_joints(
     task: FitTask, parameters: FreeParameters, predicted: np.ndarray, jacobian: np.ndarray
 ) -> MovedJoints:
-    """Return which joints each parameter of the model moves: those with a sufficient share of its column's norm."""
+    """Return masks of the joints that each parameter moves: those with a sufficient share of its column's norm."""
     weights = task.weights(predicted) * task.evidence.mask[..., None]
     sizes = np.sqrt(((jacobian * weights) ** 2).sum((1, 2)))
     shares = sizes / np.maximum(np.linalg.norm(sizes, axis=1, keepdims=True), 1e-300)
@@ -275,7 +275,7 @@ def take_step(
 def solve_bounded(
     hessian: np.ndarray, gradient: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray
 ) -> np.ndarray:
-    """Return the damped Gauss-Newton step within bounds.
+    """Return the damped Gauss-Newton step within bounds, shape (size,).
 
     Parameters that reach a bound are fixed there, and the others are solved again.
     """

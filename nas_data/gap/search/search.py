@@ -319,7 +319,7 @@ class Search:
 
 
 def choose_episodes(task: FitTask) -> np.ndarray:
-    """Return the indices of the episodes of the search: evenly spaced ones, and those with the largest errors."""
+    """Return indices of the search's episodes, shape (k,): evenly spaced ones, and those with the largest errors."""
     count, steps = task.evidence.commands.shape[:2]
     wanted = max(SEARCH_EPISODES, SEARCH_ROWS // steps)
     even = np.unique(np.linspace(0, count - 1, min(count, wanted)).round().astype(int))

@@ -17,9 +17,9 @@ def share_gain(search: Search, plain: Hypothesis) -> Hypothesis:
     """Return a plain fit with one factor on the gains of all servos, if its score is better.
 
     Without gravity, a joint moves the same if its gain, damping, friction, inertia and limit are multiplied by one
-    number. Recordings of arms that friction rules therefore hardly determine that number, joint by joint. Servos of one
-    arm are usually alike, so that all joints together do. Each joint begins at the common gain with everything else
-    multiplied as its gain was.
+    number. Recordings of an arm dominated by friction hardly determine that number joint by joint. Servos of one arm
+    are usually equal, so that all joints together determine it. Each joint starts at the common gain, its other
+    parameters scaled as its gain.
     """
     joints = [name.rsplit(".", 1)[0] for name in sorted(plain.description.freed) if name.endswith(".gain")]
     if min(len(joints), search.count_unexplained(plain)) < SIMPLE_SIZE:

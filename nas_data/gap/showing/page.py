@@ -128,7 +128,7 @@ def make_effects_blocks(report: GapReport) -> list[Block]:
     more = [(format_effect_title(effect), list_remarks(effect)) for effect in report.effects]
     return [
         tables.make_effects_table(report),
-        *[Text(f"{capitalise(name)}. {' '.join(told)}") for name, told in more if told],
+        *[Text(f"{capitalise(name)}. {' '.join(text)}") for name, text in more if text],
     ]
 
 
@@ -155,10 +155,10 @@ def make_placebo_blocks(report: GapReport, series: Series) -> list[Block]:
     placebo, gap = report.placebo, report.gap
     if not placebo:
         return []
-    told = as_words(placebo.text).rstrip(".") or join_items([format_effect_title(effect) for effect in placebo.effects])
+    text = as_words(placebo.text).rstrip(".") or join_items([format_effect_title(effect) for effect in placebo.effects])
     return [
         Text(
-            f"{capitalise(told)}: with the same freedom to fit, this placebo leaves "
+            f"{capitalise(text)}: with the same freedom to fit, this placebo leaves "
             f"{format_value(placebo.after, gap.unit)} of the {format_error(gap, 'before')} before. "
             f"What is named leaves {format_error(gap, 'after')}. If the placebo does as well, do not believe the name."
         ),

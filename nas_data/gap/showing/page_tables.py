@@ -38,8 +38,8 @@ def make_effects_table(report: GapReport) -> HtmlTable:
         equals = join_items([format_effect_title(other) for other in effect.equals]) or NONE
         for name, value in effect.parameters.items():
             values = as_words(name), format_with_si(value.value, value.unit), format_interval(value) or NONE
-            told = format_confidence(effect.confidence), is_stable(report, effect), equals, shrink
-            rows.append((format_effect_title(effect), *values, *told))
+            remarks = format_confidence(effect.confidence), is_stable(report, effect), equals, shrink
+            rows.append((format_effect_title(effect), *values, *remarks))
     headers = ("", "parameter", "value", "95 % interval", "confidence", "stable", "equals", "error without → with")
     return HtmlTable(
         headers,
@@ -50,8 +50,8 @@ def make_effects_table(report: GapReport) -> HtmlTable:
 
 def is_stable(report: GapReport, effect: EffectName) -> str:
     """Return whether two halves of the recording agree on an effect's joint, or on all joints for the whole arm."""
-    told = [joint.stable for name, joint in report.joints.items() if effect.joint in (None, name)]
-    return ("yes" if all(told) else "no") if told else NONE
+    stable = [joint.stable for name, joint in report.joints.items() if effect.joint in (None, name)]
+    return ("yes" if all(stable) else "no") if stable else NONE
 
 
 def make_retuned_table(report: GapReport) -> HtmlTable:
@@ -100,8 +100,8 @@ def make_joint_row(joint: str, gap: JointGap) -> tuple[str, ...]:
         gap.floor, gap.one_step, gap.one_step_hold,
         gap.open_loop, gap.open_loop_hold, gap.open_loop_command,
     ]  # fmt: skip
-    told = [NONE if value is None else format_value(value, gap.unit) for value in values]
-    return (joint, *told, format_figures(gap.ratio_to_noise))
+    cells = [NONE if value is None else format_value(value, gap.unit) for value in values]
+    return (joint, *cells, format_figures(gap.ratio_to_noise))
 
 
 def make_regimes_table(report: GapReport) -> list[HtmlTable]:

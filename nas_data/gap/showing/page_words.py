@@ -79,8 +79,8 @@ def list_effects(effects: Sequence[NamedEffect]) -> str:
     joints: dict[str, list[str]] = {}
     for effect in effects:
         joints.setdefault(as_words(effect.name), []).append(effect.joint or "")
-    told = [f"{name} in {list_joints(where)}" if where[0] else f"{name} (whole arm)" for name, where in joints.items()]
-    return join_items(told) if len(told) == len(effects) else "; ".join(told)
+    parts = [f"{name} in {list_joints(where)}" if where[0] else f"{name} (whole arm)" for name, where in joints.items()]
+    return join_items(parts) if len(parts) == len(effects) else "; ".join(parts)
 
 
 def list_joints(joints: Sequence[str]) -> str:
@@ -108,11 +108,11 @@ def list_remarks(effect: NamedEffect) -> list[str]:
 def describe_alternatives(effect: NamedEffect) -> list[str]:
     """Return the errors of the alternatives."""
     unit = effect.evidence.unit
-    told = [
+    parts = [
         f"{format_effect_title(other)} ({format_value(other.heldout_error_after, unit)})"
         for other in effect.alternatives
     ]
-    return [f"In its place, this error would be left by {join_items(told)}."] if told else []
+    return [f"In its place, this error would be left by {join_items(parts)}."] if parts else []
 
 
 def describe_signature(name: str) -> list[str]:

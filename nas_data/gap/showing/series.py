@@ -53,7 +53,7 @@ class Series:
         return f"{unit.kind if others else 'joints'} [{unit.mark.strip()}]"
 
     def shown(self, values: np.ndarray) -> np.ndarray:
-        """Return pooled errors in display units."""
+        """Return pooled errors in display units, of the same shape."""
         return np.asarray(self.kinds[0][0].factor * values)
 
     @classmethod

@@ -152,4 +152,4 @@ class Driver(Protocol):
         """Open the port; the clock [s] stamps the readings."""
 
     def guard_options(self) -> dict[str, object]:
-        """Return the options of `safety.open_for_guard`, with which the watchdog opens the arm."""
+        """Return the options of `open_for_guard`, with which the watchdog opens the arm."""

@@ -46,7 +46,7 @@ class ServoChain:
         if packet.instruction in self._several:
             return self._several[packet.instruction](packet.parameters) if packet.is_valid else []
         if packet.id == BROADCAST:
-            return self._to_everyone(packet)
+            return self._broadcast(packet)
         replies = [self._execute(servo, packet) for servo in self.find_servos(packet.id)]
         sent = enumerate(_drop_none(replies))
         return [Reply(reply.content, reply.pause, together=index > 0) for index, reply in sent]
@@ -55,7 +55,7 @@ class ServoChain:
         """Return the servos with an ID; a correct arm has one."""
         return [servo for servo in self.servos if servo.get("id") == identity]
 
-    def _to_everyone(self, packet: Packet) -> list[Reply]:
+    def _broadcast(self, packet: Packet) -> list[Reply]:
         """Execute a broadcast; only a ping is answered, by each servo in the order of the IDs."""
         if not packet.is_valid:
             return []

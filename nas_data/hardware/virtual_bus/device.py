@@ -157,7 +157,7 @@ def transmit(replies: Sequence[Reply], baud: int) -> list[tuple[float, bytes]]:
         Time of the last byte after the end of the instruction [s], and bytes, of each transmission.
     """
     sent: list[tuple[float, bytes]] = []
-    for group in _group(replies):
+    for group in _group_replies(replies):
         begin = sent[-1][0] if sent else 0.0
         for index, reply in enumerate(sorted(group, key=lambda reply: reply.pause)):
             end = begin + reply.pause + compute_transmission_time(len(reply.content), baud)
@@ -168,7 +168,7 @@ def transmit(replies: Sequence[Reply], baud: int) -> list[tuple[float, bytes]]:
     return sent
 
 
-def _group(replies: Sequence[Reply]) -> list[list[Reply]]:
+def _group_replies(replies: Sequence[Reply]) -> list[list[Reply]]:
     """Group replies whose return delays begin at the same time."""
     groups: list[list[Reply]] = []
     for reply in replies:

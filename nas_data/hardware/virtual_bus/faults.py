@@ -63,7 +63,7 @@ class Unplugged(Fault):
     servo: int = 3  # its ID
 
     def apply(self, arm: VirtualArm) -> None:
-        """Remove the servo from the line; see `Fault.apply`."""
+        """Remove the servo from the line."""
         servo = find_servo(arm, self.servo)
         servo.put("torque_enable", 0)
         arm.chain.servos.remove(servo)
@@ -78,7 +78,7 @@ class DuplicateIdFault(Fault):
     return_delay: int = 250  # its return delay in units of 2 µs; the default is the factory setting
 
     def apply(self, arm: VirtualArm) -> None:
-        """Change the ID; see `Fault.apply`."""
+        """Change the ID."""
         servo = find_servo(arm, self.servo)
         servo.put("id", self.identity)
         servo.put("return_delay", self.return_delay)
@@ -92,7 +92,7 @@ class WrongModelFault(Fault):
     model: int = XL330_M077  # its model number
 
     def apply(self, arm: VirtualArm) -> None:
-        """Change the model number; see `Fault.apply`."""
+        """Change the model number."""
         find_servo(arm, self.servo).put("model_number", self.model)
 
 
@@ -101,7 +101,7 @@ class NoSyncRead(Fault):
     """The servos do not support sync read, as with some firmware and adapters."""
 
     def apply(self, arm: VirtualArm) -> None:
-        """Disable sync read; see `Fault.apply`."""
+        """Disable sync read."""
         for servo in arm.servos:
             servo.answers_sync = False
 
@@ -113,11 +113,11 @@ class LostPacket(Fault):
     share: float = 0.01  # share of the packets that are lost
 
     def instruction(self, content: bytes, rng: np.random.Generator) -> bytes:
-        """Drop a random share; see `Fault.instruction`."""
+        """Drop a random share of the instructions."""
         return self.reply(content, rng)
 
     def reply(self, content: bytes, rng: np.random.Generator) -> bytes:
-        """Drop a random share; see `Fault.reply`."""
+        """Drop a random share of the replies."""
         return b"" if rng.random() < self.share else content
 
 
@@ -128,11 +128,11 @@ class CorruptedPacket(Fault):
     share: float = 0.01  # share of the packets with one wrong bit
 
     def instruction(self, content: bytes, rng: np.random.Generator) -> bytes:
-        """Flip a bit; see `Fault.instruction`."""
+        """Flip a bit in a random share of the instructions."""
         return self.reply(content, rng)
 
     def reply(self, content: bytes, rng: np.random.Generator) -> bytes:
-        """Flip a bit; see `Fault.reply`."""
+        """Flip a bit in a random share of the replies."""
         if not content or rng.random() >= self.share:
             return content
         damaged = bytearray(content)
@@ -148,7 +148,7 @@ class Latency(Fault):
     seconds: float = 0.06  # delay [s]
 
     def delay(self, rng: np.random.Generator) -> float:
-        """Return the delay for a random share of instructions; see `Fault.delay`."""
+        """Return the delay [s] for a random share of the instructions, else 0."""
         return self.seconds if rng.random() < self.share else 0.0
 
 
@@ -159,7 +159,7 @@ class Stale(Fault):
     every: int = 2  # update period of the readings in steps of 10 ms
 
     def apply(self, arm: VirtualArm) -> None:
-        """Set the update period; see `Fault.apply`."""
+        """Set the update period."""
         arm.body.renewal = self.every * 0.01
 
 
@@ -170,7 +170,7 @@ class Undervoltage(Fault):
     volts: float = 5.5  # supply voltage [V]
 
     def apply(self, arm: VirtualArm) -> None:
-        """Lower the supply voltage; see `Fault.apply`."""
+        """Lower the supply voltage."""
         electrics = arm.body.electrics
         electrics.supply = electrics.voltage = self.volts
         arm.body.sense()
@@ -184,7 +184,7 @@ class Overheat(Fault):
     celsius: float = 80.0  # temperature [°C]; the servo shuts down above its limit, 65 °C at the factory
 
     def apply(self, arm: VirtualArm) -> None:
-        """Heat the servo; see `Fault.apply`."""
+        """Heat the servo."""
         index = arm.servos.index(find_servo(arm, self.servo))
         arm.body.electrics.temperature[index] = self.celsius
         arm.body.sense()
@@ -197,7 +197,7 @@ class Overload(Fault):
     servo: int = 2  # its ID
 
     def apply(self, arm: VirtualArm) -> None:
-        """Shut the servo down; see `Fault.apply`."""
+        """Shut the servo down."""
         find_servo(arm, self.servo).fail(Reason.OVERLOAD)
 
 
@@ -206,7 +206,7 @@ class AdapterPulled(Fault):
     """The USB adapter is unplugged."""
 
     def apply(self, arm: VirtualArm) -> None:
-        """Close the port; see `Fault.apply`."""
+        """Close the port."""
         raise LineGone
 
 
@@ -218,7 +218,7 @@ class Bent(Fault):
     radians: float = 1.9  # new position of the joint [rad]
 
     def apply(self, arm: VirtualArm) -> None:
-        """Move the joint; see `Fault.apply`.
+        """Move the joint.
 
         Raises:
             OptionError: the arm has no such servo.
@@ -235,7 +235,7 @@ class Zeroed(Fault):
     """The arm is put into its zero pose by hand, as for a calibration."""
 
     def apply(self, arm: VirtualArm) -> None:
-        """Set the pose; see `Fault.apply`."""
+        """Set the pose."""
         arm.body.set_state(np.zeros(2 * len(arm.servos)))
 
 

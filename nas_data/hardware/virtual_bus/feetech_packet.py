@@ -37,11 +37,11 @@ class FeetechReader(PacketReader):
     header, prefix = HEADER, 4  # bytes of header, ID and length
 
     def parse_length(self, head: bytes) -> int | None:
-        """See `PacketReader.parse_length`."""
+        """Return the number of bytes after the prefix; None if the bytes begin no packet."""
         return head[3] if head[2] <= BROADCAST and 2 <= head[3] <= LONGEST else None
 
     def decode(self, whole: bytes) -> FeetechPacket:
-        """See `PacketReader.decode`."""
+        """Decode the bytes of one packet, from header to checksum."""
         return FeetechPacket(whole[2], whole[4], whole[5:-1], compute_checksum(whole[2:-1]) == whole[-1])
 
 

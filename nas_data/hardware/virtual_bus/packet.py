@@ -93,7 +93,7 @@ class PacketReader(ABC):
 
     @abstractmethod
     def parse_length(self, head: bytes) -> int | None:
-        """Return how many bytes follow the prefix; None if these bytes begin no packet."""
+        """Return the number of bytes after the prefix; None if the bytes begin no packet."""
 
     @abstractmethod
     def decode(self, whole: bytes) -> Packet:
@@ -143,12 +143,12 @@ class Protocol2Reader(PacketReader):
     header, prefix = HEADER, PREFIX
 
     def parse_length(self, head: bytes) -> int | None:
-        """See `PacketReader.parse_length`."""
+        """Return the number of bytes after the prefix; None if the bytes begin no packet."""
         length = int.from_bytes(head[5:7], "little")
         return length if 3 <= length <= LONGEST else None
 
     def decode(self, whole: bytes) -> Packet:
-        """See `PacketReader.decode`."""
+        """Decode the bytes of one packet, from header to checksum."""
         content = unstuff(whole[PREFIX:-2])
         is_valid = compute_crc16(whole[:-2]) == int.from_bytes(whole[-2:], "little")
         return Packet(whole[4], content[0], content[1:], is_valid)

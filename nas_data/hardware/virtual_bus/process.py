@@ -49,7 +49,7 @@ class VirtualBus:
         self._say("repair")
 
     def count_disturbed(self) -> int:
-        """Return how many packets the faults changed or delayed; 0 where the line is gone."""
+        """Return the number of packets that faults changed or delayed; 0 if the line is gone."""
         assert self._process.stdout is not None
         with contextlib.suppress(BrokenPipeError):
             self._say("count")

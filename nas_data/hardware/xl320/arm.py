@@ -252,12 +252,7 @@ class Xl320Arm:
             return False
 
     def _read_one_by_one(self) -> list[Answer]:
-        """Read the servos one by one.
-
-        Raises:
-            NobodyAnswers: no servo answers.
-            ServoSilent, BadReply: a servo does not answer reliably.
-        """
+        """Read the servos one by one; raise NobodyAnswers, ServoSilent or BadReply."""
         try:
             return [self.bus.read(identity, FEEDBACK, FEEDBACK_SIZE) for identity in self.joints.ids]
         except ServoSilent:

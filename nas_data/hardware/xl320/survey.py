@@ -99,8 +99,8 @@ def refuse_duplicates(bus: Bus, identities: Sequence[int]) -> None:
         DuplicateId: there is such an ID.
     """
     for identity in identities:
-        heard = [bus.count_replies(identity, FEEDBACK, MOVING_PART) for _ in range(TRIES)]
-        if 2 * sum(sound > 1 for sound, _ in heard) > TRIES or all(damaged and not sound for sound, damaged in heard):
+        counts = [bus.count_replies(identity, FEEDBACK, MOVING_PART) for _ in range(TRIES)]
+        if 2 * sum(sound > 1 for sound, _ in counts) > TRIES or all(damaged and not sound for sound, damaged in counts):
             raise DuplicateId(
                 f"Two servos answer as {identity}; unplug all but one of them and give it its own identity "
                 f"(nas robot ergojr --port PORT --rename {identity}:NEW)."

@@ -17,7 +17,7 @@ class Format(Protocol):
     """Interface of a format module."""
 
     SUFFIXES: tuple[str, ...]
-    FOLDER: str  # what a log that is a folder is called; a module without it reads files only
+    FOLDER: str  # word for a log that is a folder; absent in modules that only read files
 
     def read(self, path: Path, layout: LogLayout) -> LogTable:
         """Read a file; LogError, ValueError or OSError means that it has another format."""
@@ -27,7 +27,7 @@ class Bag(Protocol):
     """Interface of a format module for message logs, with `read_topics` instead of `read`."""
 
     def read_topics(self, path: Path, layout: LogLayout) -> dict[str, LogTable]:
-        """Read the topics that a map names, by the keys of its `[topics]`."""
+        """Read the topics of the map, by the keys of its `[topics]`."""
 
 
 def find_format(name: str) -> Format:
@@ -46,7 +46,7 @@ def is_folder_log(path: Path, name: str) -> bool:
 
 
 def read_tables(path: Path, layout: LogLayout) -> dict[str, LogTable]:
-    """Read one log that is one file or folder: one table, or one for each topic that the map names.
+    """Read one log, a file or folder: one table, or one per topic of the map.
 
     Raises:
         LogError: the file is missing, has another suffix, or cannot be read as this format.

@@ -14,7 +14,7 @@ from nas_data.importing.layout import LogLayout
 from nas_data.importing.table import LogTable, refuse_twice
 
 SUFFIXES = (".csv", ".tsv", ".txt")
-DELIMITERS = {",": "','", ";": "';'", "\t": "'\\t'"}  # as they are written in a map
+DELIMITERS = {",": "','", ";": "';'", "\t": "'\\t'"}  # as written in a map
 NOT_UTF_8 = "cannot be read as csv: it is not in UTF-8; save it in that encoding."
 UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
@@ -39,11 +39,7 @@ def read(path: Path, layout: LogLayout) -> LogTable:
 
 
 def _check_start(path: Path, delimiter: str) -> None:
-    """Refuse other encodings than UTF-8, and a header with another delimiter.
-
-    Raises:
-        LogError: names the encoding or the delimiter.
-    """
+    """Raise LogError for other encodings than UTF-8, or for a header with another delimiter."""
     with path.open("rb") as file:
         line = file.readline()
     try:
@@ -62,18 +58,14 @@ def _check_start(path: Path, delimiter: str) -> None:
 
 
 def _refuse_ragged(path: Path, delimiter: str) -> None:
-    """Find the row for which parsing failed.
-
-    Raises:
-        LogError: names the line and its number of cells.
-    """
+    """Raise LogError for the row that could not be parsed, with its line and number of cells."""
     bad: list[csv.InvalidRow] = []
 
     def keep(row: csv.InvalidRow) -> str:
         bad.append(row)
         return "skip"
 
-    # Line numbers are only known to a reader with one thread.
+    # only a single-threaded reader knows line numbers
     parsing = csv.ParseOptions(delimiter=delimiter, invalid_row_handler=keep)
     with suppress(pa.ArrowInvalid):
         csv.read_csv(path, read_options=csv.ReadOptions(use_threads=False), parse_options=parsing)

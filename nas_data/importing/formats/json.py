@@ -1,4 +1,4 @@
-"""JSON: a list of rows, also under one key or one a line, or one list per column; other keys are constants."""
+"""JSON: a list of rows (also under a key, or one per line), or one list per column; other keys are constants."""
 
 import json
 from pathlib import Path
@@ -33,11 +33,7 @@ def read(path: Path, layout: LogLayout) -> LogTable:
 
 
 def _parse(path: Path) -> object:
-    """Parse a file.
-
-    Raises:
-        LogError: the file is no UTF-8 or no JSON; the message has the line.
-    """
+    """Parse a file; raise LogError with the line if it is not UTF-8 or not JSON."""
     try:
         text = path.read_text(encoding="utf-8-sig").rstrip()
     except UnicodeDecodeError:
@@ -46,7 +42,7 @@ def _parse(path: Path) -> object:
         return json.loads(text)
     except json.JSONDecodeError as error:
         first = error
-    if (first.msg, first.lineno, first.colno) == ("Extra data", 2, 1):  # a value a line
+    if (first.msg, first.lineno, first.colno) == ("Extra data", 2, 1):  # one value per line
         text = "[" + ",\n".join(line for line in text.split("\n") if line.strip()) + "]"
     try:
         return json.loads(text)
@@ -62,7 +58,7 @@ def _parse(path: Path) -> object:
 
 
 def _from_rows(path: Path, rows: object) -> dict[str, pa.Array]:
-    """Convert a list of objects to columns; names of nested objects are joined with dots, missing keys empty cells."""
+    """Convert a list of objects to columns; nested names are joined with dots, missing keys are empty cells."""
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise LogError(f'{path} holds no list of objects as rows; each row must be an object like {{"time": 0.0}}.')
     return make_columns([dict(flatten_fields(row)) for row in rows])

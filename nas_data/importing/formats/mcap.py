@@ -19,7 +19,7 @@ SUFFIXES = (".mcap",)
 
 
 def read_topics(path: Path, layout: LogLayout) -> dict[str, LogTable]:
-    """Read the topics that a map names."""
+    """Read the topics of the map."""
     try:
         return to_tables(path, dict(layout.topics), _read_messages(path, layout))
     except DecoderNotFoundError as error:
@@ -42,7 +42,7 @@ def _read_messages(path: Path, layout: LogLayout) -> Iterator[tuple[str, int, ob
         reader = make_reader(file, decoder_factories=decoders)
         summary = reader.get_summary()
         there = {channel.topic for channel in summary.channels.values()} if summary else set()
-        if not there:  # a recorder that was killed, or spared the summary: its channels stand among the messages
+        if not there:  # no summary, because the recorder was killed or omitted it; its channels are among the messages
             file.seek(0)
             reader = NonSeekingReader(file, decoder_factories=decoders)
         missing = next((topic for topic in layout.topics.values() if there and topic not in there), None)
@@ -54,7 +54,7 @@ def _read_messages(path: Path, layout: LogLayout) -> Iterator[tuple[str, int, ob
 
 
 class _Json(DecoderFactory):
-    """Decodes messages that are JSON."""
+    """Decodes JSON messages."""
 
     def decoder_for(self, message_encoding: str, schema: Schema | None) -> Callable[[bytes], object] | None:
         """Return the decoder of an encoding; None for others."""

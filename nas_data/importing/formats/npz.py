@@ -16,7 +16,7 @@ OBJECTS = "holds Python objects, which are not read from files; save it as numbe
 
 
 def read(path: Path, layout: LogLayout) -> LogTable:
-    """Read a file without unpickling; object arrays are refused if the map names them."""
+    """Read a file without unpickling; object arrays are refused if the map uses them."""
     if not zipfile.is_zipfile(path):
         if path.read_bytes()[: len(ZIP)] == ZIP:
             raise LogError(f"{path} is cut off: its last part is missing; copy it again from where it was recorded.")

@@ -13,7 +13,7 @@ MAGIC = b"PAR1"  # first and last bytes of a Parquet file
 
 
 def read(path: Path, layout: LogLayout) -> LogTable:
-    """Read a file; its key-value metadata are constants; fields of structs have dotted names."""
+    """Read a file; key-value metadata become constants, struct fields get dotted names."""
     content = path.read_bytes()
     if content.startswith(MAGIC) and not content.endswith(MAGIC):
         raise LogError(f"{path} is cut off: its end is missing; copy it again, or let the recorder close its file.")

@@ -1,4 +1,4 @@
-"""PT: a mapping of tensors by torch.save, one row per time; scalars and texts are constants."""
+"""PT: a mapping of tensors saved by torch.save, one row per time; scalars and texts are constants."""
 
 import pickle
 from collections.abc import Iterator, Mapping

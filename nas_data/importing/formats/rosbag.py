@@ -24,7 +24,7 @@ def is_log(path: Path) -> bool:
 
 
 def read_topics(path: Path, layout: LogLayout) -> dict[str, LogTable]:
-    """Read the topics that a map names."""
+    """Read the topics of the map."""
     try:
         return to_tables(path, dict(layout.topics), _read_messages(path, layout))
     except (AnyReaderError, Reader1Error, Reader2Error, FileNotFoundError) as error:

@@ -141,7 +141,7 @@ class ArmSetup:
                 arms.append(stack.enter_context(GuardedArm(self.defender, self.clock)))
                 arms[0].share_guard(arms[1])
             motions = [arm.take(rest) for arm in arms]
-            touching, approach = self.attacker.planner, self._alone(motions[0])
+            touching, approach = self.attacker.planner, self._make_single_approach(motions[0])
             if self.defender:
                 touching = make_two_arm_planner(self.edges)
                 seeking = TwoArmPlanner(self.defender.planner, (make_two_arm_planner(self.edges, CLEARANCE), touching))
@@ -157,7 +157,7 @@ class ArmSetup:
             )
             yield noticed, stepper
 
-    def _alone(self, motion: ArmMotion) -> Callable[[np.ndarray], None]:
+    def _make_single_approach(self, motion: ArmMotion) -> Callable[[np.ndarray], None]:
         """Return a function that brings a single arm to a pose [rad], shape (n,), with sag compensation."""
         planner = self.attacker.planner
         return lambda pose: motion.approach(pose - planner.sag(pose))

@@ -68,12 +68,12 @@ class Recorder:
 
     def dataset(self, bouts: Sequence[ArmAttempt], judgement: RolloutScore) -> Dataset:
         """Return a rollout of T steps as a dataset, with one episode per reset."""
-        dataset = concatenate([self._bout(bout) for bout in bouts])
+        dataset = concatenate([self._convert_attempt(bout) for bout in bouts])
         for key, column in judgement.columns().items():
             dataset = dataset.with_column(key, FEATURES[key], column)
         return dataset
 
-    def _bout(self, bout: ArmAttempt) -> Dataset:
+    def _convert_attempt(self, bout: ArmAttempt) -> Dataset:
         dataset = to_dataset(bout, self.joints, self.rate, self.task, self.provenance.robot)
         if not self.objects.width:
             return dataset

@@ -27,7 +27,7 @@ class ArmAttempt(ArmEpisode):
 
 @dataclass
 class RolloutTally(RecordingStats):
-    """Counts over all sittings of rollouts."""
+    """Counts over all sessions of rollouts."""
 
     steps: int = 0  # commands
     late: int = 0  # late readings after a command, including the missed ones
@@ -92,10 +92,10 @@ class RobotStepper:
 
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
         """Move the arms slowly to their first poses; see `Stepper.reset`."""
-        self._end_bout()
+        self._end_attempt()
         n = len(self.joints)
         self._guidance = states[0, 2 * n : 3 * n].copy()
-        self._bring(np.concatenate([states[0, :n], self._guidance]) if self._defender else states[0, :n])
+        self._move_to(np.concatenate([states[0, :n], self._guidance]) if self._defender else states[0, :n])
         self._bout, self._due = ArmAttempt(), self._attacker.clock.now() + LEAD
         self._read(self._retry.failures)
         here, _ = self._measured()
@@ -133,8 +133,8 @@ class RobotStepper:
         return self._body.site_positions(name)
 
     def take_bouts(self) -> list[ArmAttempt]:
-        """End the present bout, and return all bouts since the last call."""
-        self._end_bout()
+        """End the present attempt, and return all attempts since the last call."""
+        self._end_attempt()
         bouts, self._bouts = self._bouts, []
         retries = sum(motion.arm.retries for motion in self._arms)
         self.tally.retries, self._retries = self.tally.retries + retries - self._retries, retries
@@ -142,11 +142,11 @@ class RobotStepper:
         return bouts
 
     def extend_deadline(self, seconds: float) -> None:
-        """Tell the guards until when the next word comes [s from now]; raises as `ArmMotion.extend_deadline` does."""
+        """Tell the watchdogs that the next message comes within a time [s]; raises like `ArmMotion.extend_deadline`."""
         self._attacker.extend_deadline(seconds)
 
-    def _end_bout(self) -> None:
-        """Append the readings and commands since the last reset to the bouts."""
+    def _end_attempt(self) -> None:
+        """Append the readings and commands since the last reset to the attempts."""
         bout, self._bout = self._bout, ArmAttempt()
         if bout.commands:
             self.tally.late += int(bout.late(self._attacker.period)[1:].sum())
@@ -162,7 +162,7 @@ class RobotStepper:
         if self._retry.failures > unheard:
             self._bout.unheard.add(len(self._bout.readings) - 1)
 
-    def _bring(self, pose: np.ndarray) -> None:
+    def _move_to(self, pose: np.ndarray) -> None:
         """Move slowly to a pose [rad], shape (n,) or (2n,), and cool there if a servo is hot."""
         self._approach(pose)
         held = pose - self._planner.sag(pose)

@@ -1,4 +1,4 @@
-"""Rollouts of policies on an arm: who plays which starts, one rollout, and its score."""
+"""Rollouts of policies on an arm: the plan of starts, one rollout, and its score."""
 
 import hashlib
 from collections.abc import Iterator, Sequence
@@ -26,7 +26,7 @@ class RolloutScore:
 
     @classmethod
     def of(cls, verdicts: Sequence[StepResult]) -> "RolloutScore":
-        """Collect the verdicts of an episode."""
+        """Collect the step results of an episode."""
         rewards = np.array([verdict.reward[0] for verdict in verdicts], dtype=np.float32)
         return cls(rewards, np.array([bool(verdict.success[0]) for verdict in verdicts]))
 
@@ -59,7 +59,7 @@ def roll_out_on_arm(
     """Play one episode with a policy's mean actions.
 
     Returns:
-        Readings and commands from reset to reset, T steps in all, and their rewards and successes.
+        Readings and commands from reset to reset, T steps in total, and their score.
 
     Raises:
         ArmError: an arm failed.

@@ -17,8 +17,8 @@ from nas_data.robots.ergo_shield import ROBOT as DUEL
 from nas_data.robots.ergojr import JOINTS
 
 HULLS = ("case", "hull2", "hull4", "hull5")  # collision hulls from the base to the link before the tip
-# The hull of the tip is that of an arm with its plain tip, and reaches beyond sword and shield. Between two arms the
-# servo that it covers stands for it: so a sword may lie on a shield.
+# The hull of the tip is that of an arm with its plain tip, and reaches beyond sword and shield. Between two arms, the
+# servo that it covers replaces it, so that a sword may touch a shield.
 SERVO = "motor6"
 OWN, OTHER, SWORD, SHIELD = 1, 2, 4, 8  # collision bits; the model's hulls and floor have the first
 
@@ -79,13 +79,13 @@ class TwoArmPlanner:
         if planner.touches(end):
             return None
         for corners in self._alone.candidates(begin[moves], end[moves]):
-            path = np.stack([begin, *(_with(begin, moves, corner) for corner in corners)])
+            path = np.stack([begin, *(_replace_joints(begin, moves, corner) for corner in corners)])
             if planner.is_free(path) and self._alone.is_free(path[:, moves]):
                 return path[1:]
         return None
 
 
-def _with(pose: np.ndarray, moves: np.ndarray, half: np.ndarray) -> np.ndarray:
+def _replace_joints(pose: np.ndarray, moves: np.ndarray, half: np.ndarray) -> np.ndarray:
     """Return a pose, shape (2n,), with the joints of the mask `moves`, shape (2n,), set to `half`, shape (n,)."""
     whole = pose.copy()
     whole[moves] = half

@@ -1,4 +1,4 @@
-"""Pictures and films of ghosts, with a caption that says who is who and how far each is off."""
+"""Pictures and films of ghosts, with a caption that names each ghost and its error."""
 
 from collections.abc import Callable, Sequence
 from io import BytesIO
@@ -14,15 +14,15 @@ from nas_data.reports.films.motion import Motion
 from nas_data.reports.films.scene import Scene, choose_colour
 from nas_data.simulators.offscreen import OffscreenRenderer
 
-LINE, EDGE = 22, 10  # [px] height of a line of the caption, and space around it
+LINE, EDGE = 22, 10  # [px] height of a caption line, and margin around it
 TYPE_SIZE = 15  # [px]
-CODECS = ("libx264", "libopenh264", "mpeg4")  # the first that the machine's FFmpeg has
+CODECS = ("libx264", "libopenh264", "mpeg4")  # in order of preference
 QUALITY = {"libx264": {"crf": "20", "preset": "medium"}}
 INK, PAPER = (30, 30, 35), (255, 255, 255)
 
 
 class Film:
-    """The pictures of an episode."""
+    """Renderer of an episode's pictures."""
 
     def __init__(
         self, motion: Motion, title: str, size: tuple[int, int], azimuth: float = 120.0, elevation: float = -15.0
@@ -30,16 +30,16 @@ class Film:
         """Compose the scene and open the renderer.
 
         Args:
-            motion: What moves.
-            title: First words of the caption.
-            size: Height and width of a picture, caption included [px]; even numbers.
-            azimuth: Direction in which the camera looks, about the vertical axis [deg].
-            elevation: The same above the horizon [deg].
+            motion: Motion of the ghosts.
+            title: Start of the caption.
+            size: Height and width of a picture with its caption [px]; even numbers.
+            azimuth: Azimuth of the camera's view [deg].
+            elevation: Elevation of the camera's view [deg].
 
         Raises:
-            OptionError: a picture of that size has no room for the scene.
-            MissingPackage: this machine has nothing that draws pictures; names a package.
-            ModelFileError: the models cannot stand in one scene.
+            OptionError: a picture of that size is too small.
+            MissingPackage: this machine cannot render; names a package.
+            ModelFileError: the models cannot be combined in one scene.
         """
         self.motion, self.title, self.size = motion, title, size
         self._strip = 2 * EDGE + LINE * (1 + len(motion.ghosts))
@@ -72,19 +72,19 @@ class Film:
         return np.asarray(whole)
 
     def close(self) -> None:
-        """Give the renderer back."""
+        """Free the renderer."""
         self._pictures.close()
 
 
 def select_frames(motion: Motion, start: float, seconds: float | None, rate: float, speed: float) -> np.ndarray:
-    """Return which frame of an episode each picture of a film shows.
+    """Return the frame of the episode for each picture of a film, shape (pictures,).
 
     Args:
-        motion: What moves.
-        start: Where the film begins [s after the episode's start].
-        seconds: How much of the episode it shows [s]; all that follows where None.
-        rate: Pictures a second [Hz].
-        speed: Seconds of the episode in a second of film.
+        motion: Motion of the ghosts.
+        start: Start of the film [s after the episode's start].
+        seconds: Length of the shown part of the episode [s]; None for the rest.
+        rate: Pictures per second [Hz].
+        speed: Playback speed.
 
     Raises:
         OptionError: the episode ends before the film begins, or a number is not above 0.
@@ -100,10 +100,10 @@ def select_frames(motion: Motion, start: float, seconds: float | None, rate: flo
 
 
 def find_frame(motion: Motion, seconds: float, option: str) -> int:
-    """Return the frame at a time [s after the episode's start] that an option gives.
+    """Return the frame at the time of an option [s after the episode's start].
 
     Raises:
-        OptionError: the episode has none then.
+        OptionError: the time is outside the episode.
     """
     last = float(motion.times[-1])
     if not 0 <= seconds <= last:
@@ -125,18 +125,18 @@ def write_mp4(
     path: Path,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> None:
-    """Write a film as MP4 (H.264 where the machine's FFmpeg has it); it appears whole or not at all.
+    """Write a film as MP4 (H.264 if FFmpeg supports it), atomically.
 
     Args:
-        film: What draws.
+        film: The renderer.
         frames: Frame of each picture.
-        rate: Pictures a second [Hz].
-        path: The file.
-        progress: Told of pictures done and to do.
+        rate: Pictures per second [Hz].
+        path: Output file.
+        progress: Called with the number of pictures done and in total.
     """
     import av
 
-    av.logging.set_level(av.logging.ERROR)  # LeRobot lets encoders say what they do
+    av.logging.set_level(av.logging.ERROR)  # LeRobot enables messages of encoders
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{path.name}.partial")
     try:

@@ -1,4 +1,4 @@
-"""How the measured arm and its models move in one episode, as postures that can be drawn."""
+"""Motion of the measured arm and its models in one episode, as postures to draw."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,16 +23,16 @@ MEASURED = "measured"
 class Ghost:
     """One arm of a film over T control steps."""
 
-    name: str  # what it is called
-    simulator: MujocoSimulator  # whose model gives the arm its shape
-    # Joints' positions [rad; m], velocities [rad/s; m/s] and the objects' states, shape (T + 1, 2n or 2n + m); the
-    # first row is where the episode begins
+    name: str  # name in the caption
+    simulator: MujocoSimulator  # simulator of the model that is drawn
+    # joint positions [rad; m], velocities [rad/s; m/s] and objects' states, shape (T + 1, 2n or 2n + m), from the start
+    # of the episode
     states: np.ndarray
     errors: np.ndarray  # RMSE over the joints of each kind, hinges [rad] before slides [m], shape (T + 1, kinds)
 
     @property
     def finite(self) -> np.ndarray:
-        """Which rows are numbers, shape (T + 1,): a simulation may diverge."""
+        """Which rows are finite, shape (T + 1,): a simulation may diverge."""
         return np.asarray(np.isfinite(self.states).all(axis=1))
 
     def spec(self) -> mujoco.MjSpec:
@@ -42,9 +42,9 @@ class Ghost:
         return spec
 
     def postures(self) -> np.ndarray:
-        """Return `qpos` of its model, followers and plays in place, shape (T + 1, nq).
+        """Return `qpos` of its model with followers and play, shape (T + 1, nq).
 
-        A row that is not finite repeats the last one that is.
+        Rows that are not finite repeat the last finite one.
         """
         last = np.maximum.accumulate(np.where(self.finite, np.arange(len(self.states)), 0))
         rest = self.simulator.rest
@@ -52,7 +52,7 @@ class Ghost:
         return np.array(positions)
 
     def error_text(self, frame: int, units: Sequence[JointUnit]) -> str:
-        """Return its error at a frame as a caption says it, for example `3.21° off`."""
+        """Return its error at a frame for the caption, for example `3.21° off`."""
         if not self.finite[frame]:
             return "diverged"
         return ", ".join(unit.text(value) for unit, value in zip(units, self.errors[frame], strict=True)) + " off"
@@ -60,11 +60,11 @@ class Ghost:
 
 @dataclass(frozen=True)
 class Motion:
-    """One episode as its ghosts move in it."""
+    """Motion of all ghosts in one episode."""
 
     episode: int  # its number
     dataset: Dataset  # the episode alone, T transitions
-    ghosts: tuple[Ghost, ...]  # the measured arm, then the models in the order in which they were given
+    ghosts: tuple[Ghost, ...]  # the measured arm, then the models in the given order
 
     @property
     def times(self) -> np.ndarray:
@@ -73,26 +73,26 @@ class Motion:
 
     @property
     def units(self) -> list[JointUnit]:
-        """The kinds of joints that the arm has."""
+        """Units of the kinds of joints present."""
         return [unit for unit, _ in group_by_kind(self.dataset.joints, self.dataset.slides)]
 
     @property
     def worst(self) -> int:
-        """The frame in which the first model is farthest from what was measured; 0 without models."""
+        """Frame with the largest error of the first model; 0 without models."""
         return int(np.nanargmax(self.ghosts[1].errors[:, 0])) if len(self.ghosts) > 1 else 0
 
 
 def follow(dataset: Dataset, episode: int, models: Sequence[str] = (), engine: str | None = None) -> Motion:
-    """Let models follow the commands of an episode in open loop, from the first measured state, as `evaluate` does.
+    """Simulate models under the commands of an episode in open loop, as `evaluate` does.
 
     Args:
         dataset: Transitions of the episode alone.
         episode: Its number in the recording.
-        models: MJCF or URDF files, or robots' names; the source kept with the dataset where there are none.
-        engine: `mujoco` or `bullet`; the source's own where None.
+        models: MJCF or URDF files, or robots' names; empty for the source stored with the dataset.
+        engine: `mujoco` or `bullet`; None for the source's own.
 
     Raises:
-        ModelFileError: a model cannot be used or diverges, or none is given and none is kept.
+        ModelFileError: a model cannot be used or diverges, or none is given and none is stored.
         JointMismatch: a model has other joints than the dataset.
     """
     with kept_folders(dataset) as folders:
@@ -114,26 +114,26 @@ def follow(dataset: Dataset, episode: int, models: Sequence[str] = (), engine: s
 
 
 def load_in_mujoco(source: SourceModel, dataset: Dataset) -> MujocoSimulator:
-    """Return the model in MuJoCo, which draws also what another engine simulates."""
+    """Return the model in MuJoCo, which also draws motions of other engines."""
     simulator = SourceModel(source.model, source.effects).simulator(dataset, threads=1)
     assert isinstance(simulator, MujocoSimulator)
     return simulator
 
 
 def read_measured_states(dataset: Dataset, simulator: MujocoSimulator) -> np.ndarray:
-    """Return what was measured of an episode of T transitions, its end included, shape (T + 1, 2n or 2n + m)."""
+    """Return the measured states of an episode of T transitions, shape (T + 1, 2n or 2n + m)."""
     states = np.concatenate([dataset.states[:1], dataset.next_states]).astype(float)
     objects = read_object_states(dataset, simulator).astype(float)
     return np.concatenate([states, np.concatenate([objects, objects[-1:]])], axis=1)
 
 
 def shorten_names(models: Sequence[str]) -> list[str]:
-    """Return a short name of each model: its file's, or with so many folders that all differ."""
+    """Return a short name of each model: its file name, with as many folders as are needed to be unique."""
     if not models:
         return ["source"]
     paths = [Path(model).with_suffix("") for model in models]
     longest = max(len(path.parts) for path in paths)
-    telling = 2 if {path.name for path in paths} == {"model"} else 1  # every gap report calls its model so
+    telling = 2 if {path.name for path in paths} == {"model"} else 1  # all gap reports use this file name
     for length in range(min(telling, longest), longest + 1):
         names = ["/".join(path.parts[-length:]) for path in paths]
         if len(set(names)) == len(names):

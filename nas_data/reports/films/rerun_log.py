@@ -1,7 +1,7 @@
-"""An episode in Rerun: ghosts in three dimensions, and its signals under the names that LeRobot's viewer gives them.
+"""An episode in Rerun: ghosts in three dimensions, and its signals under the names of LeRobot's viewer.
 
-LeRobot's `lerobot-dataset-viz` logs `action` and `state` on the timelines `frame_index` and `timestamp`, a plot each,
-in a grid. Here the ghosts take the place of the cameras, and `sim_state` and `error` of each model come in addition.
+LeRobot's `lerobot-dataset-viz` logs `action` and `state` on the timelines `frame_index` and `timestamp`, one plot each,
+in a grid. Here the ghosts replace the cameras, and `sim_state` and `error` of each model are added.
 """
 
 import os
@@ -25,7 +25,7 @@ def load_rerun() -> ModuleType:
     """Return Rerun's package.
 
     Raises:
-        MissingPackage: it is not installed; names the extra that brings it.
+        MissingPackage: it is not installed; names the extra that installs it.
     """
     try:
         import rerun
@@ -38,16 +38,16 @@ class RerunLog:
     """A recording of one episode, in a window or in a file."""
 
     def __init__(self, name: str, episode: int, path: Path | None = None) -> None:
-        """Find out whether it can be shown.
+        """Check that the episode can be shown.
 
         Args:
-            name: What the dataset is called.
-            episode: Which episode.
-            path: File to write; a window where None.
+            name: Name of the dataset.
+            episode: Number of the episode.
+            path: File to write; None for a window.
 
         Raises:
             MissingPackage: Rerun is not installed.
-            OptionError: a window is wanted, and there is no screen.
+            OptionError: there is no screen for a window.
         """
         self._rerun = load_rerun()
         screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
@@ -72,7 +72,7 @@ class RerunLog:
 
 
 def log_signals(motion: Motion) -> None:
-    """Log what was commanded, measured and simulated, a row a frame, as LeRobot does."""
+    """Log commands, measurements and predictions, one row per frame, as LeRobot does."""
     dataset = motion.dataset
     send(ACTION, motion, dataset.commands)
     send(STATES, motion, motion.ghosts[0].states[:, : dataset.states.shape[1]])
@@ -83,7 +83,7 @@ def log_signals(motion: Motion) -> None:
 
 
 def format_entity_path(kind: str, name: str) -> str:
-    """Return the path of what belongs to an arm, whose name may hold what a path cannot."""
+    """Return the entity path for an arm, with characters escaped that a path cannot hold."""
     return f"{kind}/{load_rerun().escape_entity_path_part(name)}"
 
 
@@ -96,7 +96,7 @@ def send(path: str, motion: Motion, values: np.ndarray) -> None:
 
 
 def make_timelines(motion: Motion, count: int) -> list[object]:
-    """Return the first frames of LeRobot's two timelines."""
+    """Return the first `count` frames on LeRobot's two timelines."""
     rerun = load_rerun()
     return [
         rerun.TimeColumn("frame_index", sequence=np.arange(count)),
@@ -105,13 +105,13 @@ def make_timelines(motion: Motion, count: int) -> list[object]:
 
 
 def log_arms(motion: Motion) -> None:
-    """Log the shapes of each body once, and where the bodies are in each frame."""
+    """Log the shapes of each body once, and the poses of the bodies in each frame."""
     rerun, scene = load_rerun(), Scene(motion)
     model, count = scene.model, len(scene)
     places, turns = np.empty((count, model.nbody, 3)), np.empty((count, model.nbody, 4))
     for frame in range(count):
         scene.show(frame)
-        places[frame], turns[frame] = scene.data.xpos, scene.data.xquat[:, [1, 2, 3, 0]]  # Rerun's w comes last
+        places[frame], turns[frame] = scene.data.xpos, scene.data.xquat[:, [1, 2, 3, 0]]  # Rerun has w last
     rerun.log(ARMS, rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     for body in range(model.nbody):
         ghost = int(scene.owner[body])
@@ -127,7 +127,7 @@ def log_arms(motion: Motion) -> None:
 
 
 def make_shape(model: mujoco.MjModel, geom: int, shade: Sequence[int]) -> object | None:
-    """Return a geom of a compiled model as Rerun draws it, in its body's frame; None for floors and height fields."""
+    """Return a geom as a Rerun shape in its body's frame; None for floors and height fields."""
     rerun = load_rerun()
     size, at = model.geom_size[geom], model.geom_pos[geom]
     turn = rerun.Quaternion(xyzw=model.geom_quat[geom][[1, 2, 3, 0]])
@@ -136,7 +136,7 @@ def make_shape(model: mujoco.MjModel, geom: int, shade: Sequence[int]) -> object
     if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
         start = at + rotate_vectors(
             np.array([0.0, 0.0, -size[1]]), model.geom_quat[geom]
-        )  # Rerun's begins at its lower cap
+        )  # Rerun's capsules begin at their lower cap
         return rerun.Capsules3D(lengths=[2 * size[1]], radii=[size[0]], translations=[start], **placed)
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
         return rerun.Cylinders3D(lengths=[2 * size[1]], radii=[size[0]], centers=[at], **placed)
@@ -155,14 +155,14 @@ def make_shape(model: mujoco.MjModel, geom: int, shade: Sequence[int]) -> object
 
 
 def rotate_vectors(vectors: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
-    """Return vectors (…, 3) turned by a quaternion (4,), w first."""
+    """Rotate vectors (…, 3) by a quaternion (4,), w first."""
     matrix = np.empty(9)
     mujoco.mju_quat2Mat(matrix, quaternion)
     return np.asarray(vectors @ matrix.reshape(3, 3).T)
 
 
 def make_blueprint(motion: Motion) -> object:
-    """Return the layout: the ghosts, then a plot for each signal, with the names of its components."""
+    """Return the layout: the ghosts, then one plot per signal, with the names of its components."""
     rerun = load_rerun()
     import rerun.blueprint as views
 

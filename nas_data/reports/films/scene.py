@@ -1,4 +1,4 @@
-"""One MuJoCo scene in which the arms of a film stand in the same place, each in one colour."""
+"""One MuJoCo scene with all arms of a film at the same position, each in its own colour."""
 
 import warnings
 from collections.abc import Sequence
@@ -16,36 +16,36 @@ from nas_data.reports.films.motion import Ghost, Motion
 COLOURS = ((0.42, 0.42, 0.45), (0.0, 0.45, 0.7), (0.9, 0.62, 0.0), (0.0, 0.62, 0.45), (0.8, 0.47, 0.65))
 TRANSPARENCY = 0.55  # alpha of the models; the measured arm is solid
 GROUND = (0.93, 0.93, 0.94, 1.0)  # colour of planes
-HIDDEN_GROUPS = 3  # geom group from which MuJoCo shows none by default: shapes that only collide, by convention
+HIDDEN_GROUPS = 3  # first geom group that MuJoCo hides by default: collision shapes, by convention
 SAMPLED = 40  # postures of an episode that must fit into the picture
-MARGIN = 1.08  # of the camera's distance beyond what just fits
+MARGIN = 1.08  # camera distance over the distance at which everything just fits
 PLANE = int(mujoco.mjtGeom.mjGEOM_PLANE)
 HEIGHT_FIELD = int(mujoco.mjtGeom.mjGEOM_HFIELD)
 
 
 class Scene:
-    """The ghosts of an episode in one compiled model; its physics never runs, and nothing in it collides.
+    """The ghosts of an episode in one compiled model, without physics and collisions.
 
-    What does not move (base, table, floor) is drawn once, with the measured arm.
+    Fixed parts (base, table, floor) are drawn once, with the measured arm.
     """
 
     def __init__(self, motion: Motion) -> None:
         """Compose and colour the scene.
 
         Raises:
-            ModelFileError: the models cannot stand in one scene.
+            ModelFileError: the models cannot be combined in one scene.
         """
         self._postures = np.concatenate([ghost.postures() for ghost in motion.ghosts], axis=1)
-        self.model, self.owner = compose(motion.ghosts)  # the owner is each body's ghost, shape (nbody,)
+        self.model, self.owner = compose(motion.ghosts)  # `owner`: ghost of each body, shape (nbody,)
         self.data = mujoco.MjData(self.model)
-        self.shown = paint(self.model, self.owner)  # which geoms are drawn, shape (ngeom,)
+        self.shown = paint(self.model, self.owner)  # whether each geom is drawn, shape (ngeom,)
 
     def __len__(self) -> int:
         """Return the number of frames, T + 1."""
         return len(self._postures)
 
     def show(self, frame: int) -> None:
-        """Move every ghost to where it is at a frame."""
+        """Move every ghost to its posture at a frame."""
         self.data.qpos[:] = self._postures[frame]
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
@@ -54,8 +54,10 @@ class Scene:
     def camera(self, azimuth: float, elevation: float, aspect: float) -> mujoco.MjvCamera:
         """Return a camera that sees all postures of the episode.
 
-        It looks at an azimuth about the vertical axis and an elevation above the horizon [deg]; aspect is width by
-        height.
+        Args:
+            azimuth: Azimuth of its view [deg].
+            elevation: Elevation of its view [deg].
+            aspect: Width over height of the picture.
         """
         turn, lift = np.radians(azimuth), np.radians(elevation)
         forward = np.array([np.cos(lift) * np.cos(turn), np.cos(lift) * np.sin(turn), np.sin(lift)])
@@ -90,18 +92,18 @@ def choose_colour(number: int) -> tuple[float, float, float, float]:
 
 
 def compose(ghosts: Sequence[Ghost]) -> tuple[mujoco.MjModel, np.ndarray]:
-    """Attach the ghosts' models to one, each with its number as prefix.
+    """Attach the ghosts' models to one model, with their numbers as prefixes.
 
     Returns:
-        The compiled scene, whose `qpos` are the ghosts' one after the other, and which ghost each body belongs to.
+        The compiled scene, whose `qpos` concatenates that of the ghosts, and the ghost of each body.
 
     Raises:
-        ModelFileError: MuJoCo refuses the scene.
+        ModelFileError: MuJoCo cannot compile the scene.
     """
     scene, parts = mujoco.MjSpec(), [strip_model(ghost, with_world=number == 0) for number, ghost in enumerate(ghosts)]
     light_up(scene)
     try:
-        # warned of are options that differ, such as the integrator; nothing is simulated here
+        # warnings concern differing options such as the integrator, which are irrelevant without simulation
         with collect_warnings(), warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
             for number, part in enumerate(parts):
@@ -113,14 +115,14 @@ def compose(ghosts: Sequence[Ghost]) -> tuple[mujoco.MjModel, np.ndarray]:
         raise ModelFileError(f"{files} cannot be drawn in one scene: {reason}; render one --model at a time.") from None
     names = [
         model.body(body).name.partition("/") for body in range(model.nbody)
-    ]  # `strip_model` names all but the world
+    ]  # `strip_model` names all bodies but the world
     return model, np.array([int(number) if slash else 0 for number, slash, _ in names])
 
 
 def strip_model(ghost: Ghost, with_world: bool) -> mujoco.MjSpec:
-    """Return bodies, joints and shapes of a ghost's model, those fixed to the world if wanted, and nothing else."""
+    """Return only bodies, joints and shapes of a ghost's model, optionally with those fixed to the world."""
     spec = bake_inertia(ghost.spec())
-    for reference in find_references(spec):  # relative names would be looked for beside the scene, which is no file
+    for reference in find_references(spec):  # relative paths would be resolved against the scene, which is no file
         file = find_file(spec, reference, ghost.simulator.robot.mjcf)
         if file is not None:
             reference.redirect(str(file.resolve()))
@@ -148,9 +150,9 @@ def light_up(scene: mujoco.MjSpec) -> None:
 
 
 def paint(model: mujoco.MjModel, owner: np.ndarray) -> np.ndarray:
-    """Give each ghost its colour by the owner of each body (nbody,); return which geoms are drawn, shape (ngeom,).
+    """Colour each ghost's geoms, by the owner of each body (nbody,); return which geoms are drawn, shape (ngeom,).
 
-    Geoms of the groups that MuJoCo hides stay hidden unless a ghost has no others.
+    Geoms in groups that MuJoCo hides stay hidden unless a ghost has no others.
     """
     owners, fixed = owner[model.geom_bodyid], model.body_weldid[model.geom_bodyid] == 0
     visible = (model.geom_group < HIDDEN_GROUPS) & (model.geom_rgba[:, 3] > 0)

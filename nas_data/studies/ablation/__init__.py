@@ -1,1 +1,1 @@
-"""Ablations: how good φ, ψ and named effects get with how much data, over seeds."""
+"""Ablations: accuracy of φ, ψ and named effects against amount of data, over seeds."""

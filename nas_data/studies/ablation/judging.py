@@ -23,10 +23,10 @@ PredictorErrors = Mapping[str, Mapping[str, object]]
 class TrainingData:
     """Subset that a trial learned from."""
 
-    episodes: int  # number of episodes, or of stretches cut from them
+    episodes: int  # number of episodes, or of segments cut from them
     frames: int  # number of transitions
     minutes: float  # duration [min]
-    runs: tuple[tuple[int, int], ...] = ()  # first frame of each stretch, and the frame after its last
+    runs: tuple[tuple[int, int], ...] = ()  # first frame of each segment, and the frame after its last
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +41,7 @@ class TrialResult:
     open_loop: PredictorErrors | None = field(default=None, metadata=OPTIONAL)  # Open-loop errors by predictor
     # named effects, if the kind names any
     effects: tuple[Mapping[str, object], ...] | None = field(default=None, metadata=OPTIONAL)
-    # factors of base parameters by name, likewise
+    # factors of base parameters by name, if the kind names effects
     retuned: Mapping[str, float] | None = field(default=None, metadata=OPTIONAL)
     commit: str | None = None  # commit of this package; None if unknown
     packages: Mapping[str, str] = field(default_factory=dict)  # versions of the installed packages

@@ -57,7 +57,7 @@ class Cell:
 
     @property
     def text(self) -> str:
-        """The amount with its unit, as a number where all was asked for."""
+        """The amount with its unit; the actual number if all data were requested."""
         return str(Amount(float(f"{self.size:.3g}"), self.amount.unit))
 
 
@@ -172,12 +172,12 @@ def find_best(cells: Sequence[Cell]) -> Cell:
 
 
 def make_spreads_json(spreads: Mapping[str, Spread]) -> dict[str, object]:
-    """Return the spreads of both ways to predict."""
+    """Return the spreads of open-loop and one-step errors."""
     return {loop: spread.to_json() for loop, spread in spreads.items()}
 
 
 def read_spreads(entry: Mapping[str, Mapping[str, Sequence[float | None]]]) -> dict[str, Spread]:
-    """Return the spreads of both ways to predict from JSON, which has no infinity."""
+    """Return the spreads of open-loop and one-step errors from JSON, which has no infinity."""
     return {
         loop: Spread(tuple(math.inf if value is None else float(value) for value in entry[loop]["values"]))
         for loop in LOOPS

@@ -34,7 +34,7 @@ from nas_data.visible_files import list_visible_files
 
 SWEEP, LOCK = "sweep.json", ".lock"
 EXECUTORS = "studies.ablation.executors"
-# runs a function on each trial, so many at a time; yields each result with its trial's number as it comes
+# runs a function on each trial, a given number in parallel; yields each trial's number and result when it finishes
 Executor = Callable[[Callable[[Trial], TrialResult], Sequence[Trial], int], Iterator[tuple[int, TrialResult]]]
 
 
@@ -42,7 +42,7 @@ def find_executor(name: str) -> Executor:
     """Return an executor by its name.
 
     Raises:
-        UnknownName: there is no such executor; lists those there are.
+        UnknownName: there is no such executor; lists the executors.
     """
     executor: Executor = registry.import_plugin(EXECUTORS, name, "executor").run
     return executor
@@ -128,7 +128,7 @@ def count_other_code(trials: Sequence[Trial]) -> int:
 
 
 def read_question(path: Path) -> Mapping[str, object]:
-    """Return the question of a stored result; empty if it is damaged."""
+    """Return the identity of a stored result; empty if it is damaged."""
     try:
         question = json.loads(path.read_text(encoding="utf-8"))["question"]
     except (OSError, ValueError, LookupError, TypeError):
@@ -137,7 +137,7 @@ def read_question(path: Path) -> Mapping[str, object]:
 
 
 def spell(question: Mapping[str, object]) -> str:
-    """Return a question as text, without its code."""
+    """Return a trial's identity as text, without its code hash."""
     return json.dumps({key: value for key, value in question.items() if key != "code"}, sort_keys=True)
 
 
@@ -145,7 +145,7 @@ class SweepProgress:
     """Progress of a sweep: each result as it arrives, and the remaining time."""
 
     def __init__(self, waiting: Sequence[Config], workers: int, total: int) -> None:
-        """Start counting the waiting trials of so many in total, finished ones included."""
+        """Start with the waiting trials; `total` includes finished ones."""
         self.waiting = list(waiting)
         self.workers = max(1, min(workers, len(waiting)))
         self.total = total
@@ -199,7 +199,7 @@ def open_sweep(folder: Path, identity: Mapping[str, object]) -> Iterator[None]:
     except Timeout:
         raise OutputExists(f"Another `nas ablate` works in {folder}; wait for it, or choose another --out.") from None
     with lock:
-        shutil.rmtree(folder / UNFINISHED, ignore_errors=True)  # what a killed sweep left
+        shutil.rmtree(folder / UNFINISHED, ignore_errors=True)  # remains of a killed sweep
         write_atomic(folder / SWEEP, (json.dumps(identity, indent=1) + "\n").encode())
         yield
         shutil.rmtree(folder / UNFINISHED, ignore_errors=True)
@@ -216,8 +216,8 @@ def check_same(folder: Path, identity: Mapping[str, object]) -> None:
         raise OutputExists(f"{folder} exists and holds no sweep; choose another --out.") from None
     other = [key for key in {**identity, **held} if held.get(key) != identity.get(key)]
     if other:
-        told = "; ".join(f"{key}: {shorten(held.get(key))} there, {shorten(identity.get(key))} here" for key in other)
-        raise OutputExists(f"{folder} holds another sweep ({told}); choose another --out.")
+        shown = "; ".join(f"{key}: {shorten(held.get(key))} there, {shorten(identity.get(key))} here" for key in other)
+        raise OutputExists(f"{folder} holds another sweep ({shown}); choose another --out.")
 
 
 def shorten(value: object) -> str:

@@ -81,7 +81,7 @@ def parse_number(word: str, option: str, unit: Unit) -> float:
     raise OptionError(f"{option} has '{word}'; give {kind} above 0, or {ALL}, with commas between.")
 
 
-STRETCH = 10.0  # [s] length of a drawn stretch: longer than any memory of the arm, yet many per minute
+STRETCH = 10.0  # [s] length of a drawn segment: longer than any memory of the arm, yet many per minute
 HOLDING_OUT, DRAWING = 0, 1  # independent random streams
 
 Run = tuple[int, int]  # first frame, and the frame after the last
@@ -99,10 +99,10 @@ def divide(episodes: int, share: float, seed: int) -> tuple[list[int], list[int]
 
 
 def draw(dataset: Dataset, train: Sequence[int], amount: Amount, seed: int) -> list[Run]:
-    """Draw training data; for equal seeds, smaller amounts are parts of larger ones.
+    """Draw training data; for equal seeds, smaller amounts are subsets of larger ones.
 
     Returns:
-        Runs of consecutive frames in their order: whole episodes, or stretches of some.
+        Runs of consecutive frames in order: whole episodes, or segments of some.
 
     Raises:
         OptionError: there is less data.
@@ -135,7 +135,7 @@ def count_available_frames(dataset: Dataset, train: Sequence[int]) -> int:
 
 
 def cut_stretches(dataset: Dataset, train: Sequence[int]) -> list[Run]:
-    """Cut each training episode into stretches of nearly equal length."""
+    """Cut each training episode into segments of nearly equal length."""
     cuts: list[Run] = []
     for rows in map(dataset.episode, train):
         parts = max(1, round((rows.stop - rows.start) / dataset.fps / STRETCH))
@@ -228,8 +228,8 @@ class SweepData:
         if source is None:
             return None
         described = source.simulator(self.read(), threads=1).describe()
-        told = [str(described.get(key)) for key in ("sha256", "engine", "effects")]
-        return hashlib.sha256("\n".join(told).encode()).hexdigest()
+        values = [str(described.get(key)) for key in ("sha256", "engine", "effects")]
+        return hashlib.sha256("\n".join(values).encode()).hexdigest()
 
     def check(self, content: Content) -> None:
         """Raise DatasetInvalid if the data changed since a sweep began."""

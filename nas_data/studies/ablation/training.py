@@ -1,6 +1,6 @@
 """Training of a network inside a trial: silently, on one CPU thread, so that results are bit-reproducible.
 
-A file of its own, because trials that only name effects must not depend on the code that trains.
+Separate file, because trials that only name effects must not depend on training code.
 """
 
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A trial: one kind learns from one subset with one seed; its result depends only on these and the data."""
+"""A trial: one kind learns from one subset with one seed; these and the data determine its result."""
 
 import hashlib
 import json
@@ -55,7 +55,7 @@ class Config:
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial to do."""
+    """One trial."""
 
     config: Config  # settings of the trial
     content: Content  # identity of the data
@@ -82,18 +82,18 @@ class Trial:
 
 
 def hash_trial_code(kind: str, source: SourceModel | None) -> str:
-    """Return the hash of the code that draws the subset, learns from it, with a source if any, and evaluates."""
+    """Return the hash of the code that draws the subset, trains on it, with its source if any, and evaluates."""
     effects = list_effect_modules() if find_kind(kind).names else ()  # every effect that may be named
     moves = () if source is None else source.modules()
     return hash_code(__name__, f"nas_data.{FOLDER}.{kind}", *moves, *effects)
 
 
 def do_trial(trial: Trial) -> TrialResult:
-    """Do a trial and write its result; if it fails, the result says why.
+    """Run a trial and write its result, or the reason of its failure.
 
     Raises:
         DatasetInvalid: the data changed since the sweep began.
-        WorkerLost: this process has other code than the one that began the sweep.
+        WorkerLost: this process has other code than the one that started the sweep.
     """
     trial.material.check(trial.content)
     check_code(trial)
@@ -103,7 +103,7 @@ def do_trial(trial: Trial) -> TrialResult:
     wall, cpu = time.perf_counter(), time.process_time()
     try:
         found = learn_and_judge(trial, folder)
-    except Exception as error:  # the other trials of the sweep go on, whatever the error
+    except Exception as error:  # any error; the other trials of the sweep continue
         found = make_failed_result(error)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
@@ -158,7 +158,7 @@ def learn_and_judge(trial: Trial, folder: Path) -> TrialResult:
 
 
 def prepare(trial: Trial, folder: Path) -> tuple[TrainingInput, Dataset, list[Run]]:
-    """Return the input of a kind, the held-out transitions, and the runs of frames of the subset."""
+    """Return the input of a kind, the held-out transitions, and the frame ranges of the subset."""
     config, material = trial.config, trial.material
     dataset = material.read()
     train, held = material.divide(dataset, config.held_out, config.seed)

@@ -61,7 +61,7 @@ def format_table(summary: SweepSummary) -> str:
 
 
 def format_markdown(summary: SweepSummary) -> str:
-    """Return the table and what the sweep found as Markdown."""
+    """Return the table and the findings of the sweep as Markdown."""
     what = "degrees" if summary.shown is HINGE else "millimetres"
     head = f"Position RMSE on held-out episodes, mean of the episodes, in {what}; spread over seeds."
     return "\n\n".join([head, format_markdown_table(HEADERS, make_rows(summary)), summary.sentence()]) + "\n"
@@ -71,7 +71,7 @@ TABLE, FIGURE = "ablation.md", "ablation.png"
 
 
 def write(folder: Path, summary: SweepSummary, more: Mapping[str, object]) -> dict[str, Path]:
-    """Write all three; the figure only if a trial succeeded.
+    """Write all files; the figure only if a trial succeeded.
 
     Returns:
         The files by kind.

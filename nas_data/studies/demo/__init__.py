@@ -1,1 +1,1 @@
-"""The demo: record, learn the gap, learn policies, show; everything once, small, in minutes."""
+"""The demo: a small run of recording, gap, policies and page, in minutes."""

@@ -1,4 +1,4 @@
-"""Third and fourth stage of the demo: φ and ψ are trained and compared, then policies are."""
+"""Third and fourth stage of the demo: train and compare φ and ψ, then policies."""
 
 import json
 from collections.abc import Mapping
@@ -31,7 +31,7 @@ FOLDERS: dict[Kind, str] = {"delta": "models/phi", "forward": "models/psi"}
 ROLLOUTS = "models/rollouts.safetensors"
 ERRORS = "models/errors.json"
 NAMES = "source + names"
-SHOWN = (*MODEL.values(), NAMES, *PREDICTORS[len(MODEL) :])  # in the order of tables
+SHOWN = (*MODEL.values(), NAMES, *PREDICTORS[len(MODEL) :])  # order in tables
 
 ErrorTable = dict[str, dict[str, float]]
 """RMSE [rad] by predictor, then by joint; `all` is over all joints."""
@@ -58,7 +58,7 @@ def learn_models(demo: Demo) -> StageResult:
     save_rollouts(evaluation, dataset, demo.folder / ROLLOUTS)
     errors = {"one_step": make_error_table(evaluation.one_step), "open_loop": make_error_table(evaluation.open_loop)}
     write_atomic(demo.folder / ERRORS, (json.dumps(errors, indent=1) + "\n").encode())
-    said = [
+    texts = [
         f"On {dataset.n_episodes} held-out episodes, what was learned and named above what needs neither:",
         *evaluation.text().splitlines(),
         f"φ → {demo.folder / FOLDERS['delta']}, ψ → {demo.folder / FOLDERS['forward']}",
@@ -68,7 +68,7 @@ def learn_models(demo: Demo) -> StageResult:
         "Open-loop error of positions on held-out episodes: "
         + ", ".join(f"{name} {error:.2f}°" for name, error in overall.items())
     ]
-    return StageResult(said, {"histories": {MODEL[kind]: histories[kind] for kind in FOLDERS}, **errors}, summary)
+    return StageResult(texts, {"histories": {MODEL[kind]: histories[kind] for kind in FOLDERS}, **errors}, summary)
 
 
 def with_names(evaluation: Evaluation, named: Evaluation) -> Evaluation:
@@ -119,7 +119,7 @@ def learn_policies(demo: Demo) -> StageResult:
     with report_training_progress(study, demo.folder / FOLDER, lambda line: demo.report(f"{INDENT}{line}")):
         comparison = compare(study, demo.folder / FOLDER, count_cores(), lambda line: demo.report(f"{INDENT}{line}"))
     baselines = score_baselines(plan.target, plan.judged)
-    said = [
+    texts = [
         f"On the target, {plan.judged} episodes a policy (higher is better):",
         *comparison.table().splitlines(),
         *(f"without learning, {name}: return {score.mean_return:.2f}" for name, score in baselines.items()),
@@ -139,7 +139,7 @@ def learn_policies(demo: Demo) -> StageResult:
             if (closed := comparison.share_closed(method)) is not None and not np.isnan(closed.value)
         ),
     ]
-    return StageResult(said, {**comparison.describe(), "baselines": scores}, summary)
+    return StageResult(texts, {**comparison.describe(), "baselines": scores}, summary)
 
 
 def load_baselines(path: Path) -> dict[str, dict[str, float]]:

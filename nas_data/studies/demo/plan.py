@@ -39,12 +39,12 @@ class DemoPlan:
 
     @property
     def task(self) -> Task:
-        """What the policies are to do."""
+        """Task of the policies."""
         return find_task(self.environment)
 
     @property
     def target(self) -> DynamicsSpec:
-        """The simulated plant in place of the robot."""
+        """Simulated target in place of the robot."""
         return DynamicsSpec(self.environment, self.dynamics)
 
     @property
@@ -70,14 +70,14 @@ FULL = DemoPlan(
     holds=(1.0, 0.2, 0.05, 0.01),
     delta=preset("fast", updates=100, horizon=100),
     forward=preset("fast", updates=160, horizon=100),
-    # The expert's plant is the hardest to learn on: with 300,000 steps others are ahead of it. One long training each
-    # says more than two short ones.
+    # The expert learns most slowly: with 300,000 steps others are ahead of it. One long training is more informative
+    # than two short ones.
     frames=400_000,
     seeds=(0,),
     judged=100,
 )
 
-# So small that nothing is learned: it shows, within a minute, that every stage works here.
+# Too small to learn anything: shows within a minute that every stage works.
 QUICK = DemoPlan(
     episodes=20,
     heldout=4,
@@ -96,7 +96,7 @@ QUICK = DemoPlan(
 
 
 def import_lazily(module: str, function: str) -> Callable[[Demo], StageResult]:
-    """Return the function of a stage; its module, with heavy libraries, is imported when the stage runs."""
+    """Return the function of a stage whose module, with heavy libraries, is imported when the stage runs."""
 
     def run(demo: Demo) -> StageResult:
         result: StageResult = getattr(import_module(f"nas_data.studies.demo.{module}"), function)(demo)
@@ -147,7 +147,7 @@ STAGES = (
 
 
 def run_demo(plan: DemoPlan, folder: Path, report: Report) -> dict[str, Done]:
-    """Run the unfinished stages in a folder that keeps the finished ones.
+    """Run the unfinished stages of a demo in a folder.
 
     Raises:
         OutputExists: the folder holds something else, or a demo of other sizes.

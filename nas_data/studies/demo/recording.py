@@ -1,4 +1,4 @@
-"""First stages of the demo: the target is recorded and paired, and `nas gap` names effects from that alone."""
+"""First stages of the demo: record and pair the target, and name effects from the recordings alone."""
 
 import textwrap
 from dataclasses import replace
@@ -33,12 +33,12 @@ def record_pairs(demo: Demo) -> StageResult:
         for name, episodes, seed in sets
     )
     moved = plan.episodes * plan.seconds
-    said = [
+    texts = [
         f"{plan.episodes} episodes to learn from ({train.frames:,} control steps, {moved:.0f} s of motion) "
         f"→ {demo.folder / train.path}",
         f"{plan.heldout} held-out episodes → {demo.folder / heldout.path}",
     ]
-    return StageResult(said, {"train": train.describe(), "heldout": heldout.describe(), **describe_gap(plan)})
+    return StageResult(texts, {"train": train.describe(), "heldout": heldout.describe(), **describe_gap(plan)})
 
 
 def describe_gap(plan: DemoPlan) -> dict[str, object]:
@@ -50,7 +50,7 @@ def describe_gap(plan: DemoPlan) -> dict[str, object]:
 
 
 def make_recipe(plan: DemoPlan, episodes: int, seed: int) -> Recipe:
-    """Return how the target is recorded: joints that the task does not act on are commanded as in the task."""
+    """Return the recording recipe; joints without a part in the task are commanded as in the task."""
     period = plan.task.period
     return Recipe(
         environment=plan.environment,

@@ -1,1 +1,1 @@
-"""The paper's experiments: one file a figure or table."""
+"""The paper's experiments: one file per figure or table."""

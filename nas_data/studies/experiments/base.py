@@ -100,6 +100,6 @@ def find_experiment(name: str) -> Experiment:
     """Return an experiment by its name.
 
     Raises:
-        UnknownName: there is no such experiment; lists those there are.
+        UnknownName: there is no such experiment; lists the experiments.
     """
     return registry.find_value(FOLDER, name, "experiment", Experiment)

@@ -133,11 +133,11 @@ def sweep(
             runs.append({**identity, "learning_seconds": seconds, **took})
         left = (time.monotonic() - began) / done * (len(jobs) - done)
         reached = ", ".join(f"{method} {result.score.mean_return:.2f}" for method, (result, _) in results.items())
-        told = (
+        progress = (
             f"{done} of {len(jobs)}: {count_of(job.count, 'trajectory', plural='trajectories')}, seed {job.seed}: "
             f"return {reached}"
         )
-        request.report(f"{INDENT}{told}, about {format_duration(left)} left")
+        request.report(f"{INDENT}{progress}, about {format_duration(left)} left")
     return returns, runs
 
 
@@ -149,7 +149,7 @@ def find_sufficient_count(counts: tuple[int, ...], returns: np.ndarray) -> int:
 
 
 def describe_sufficient_count(method: str, counts: tuple[int, ...], returns: np.ndarray) -> str:
-    """Say how many trajectories are enough for a method; a single number cannot tell."""
+    """Describe the sufficient number of trajectories of a method; a single count is not conclusive."""
     medians = np.median(returns, axis=1)
     if len(counts) == 1:
         return (
@@ -158,10 +158,10 @@ def describe_sufficient_count(method: str, counts: tuple[int, ...], returns: np.
             "takes several --counts."
         )
     best, count = int(np.argmax(medians)), find_sufficient_count(counts, returns)
-    told = f"{LEARNED_ON[method]}: smallest number of trajectories whose median return is within "
-    told += f"{MAX_EXCESS:.0%} of the best: {count} ({medians[counts.index(count)]:.2f}; best {medians[best]:.2f} with "
-    told += f"{counts[best]})"
-    return told + (", the most that was tried, so that more may help." if count == counts[-1] else ".")
+    text = f"{LEARNED_ON[method]}: smallest number of trajectories whose median return is within "
+    text += f"{MAX_EXCESS:.0%} of the best: {count} ({medians[counts.index(count)]:.2f}; best {medians[best]:.2f} with "
+    text += f"{counts[best]})"
+    return text + (", the most that was tried, so that more may help." if count == counts[-1] else ".")
 
 
 def make_table(

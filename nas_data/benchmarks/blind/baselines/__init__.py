@@ -1,1 +1,1 @@
-"""Baselines that are given the same blind cases: what other methods would have named."""
+"""Baselines that get the same blind cases: effects that other methods would name."""

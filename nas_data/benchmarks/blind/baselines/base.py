@@ -1,4 +1,4 @@
-"""What a baseline reads from a dataset, and what it answers: names with a confidence, and a prediction."""
+"""Input of a baseline (episodes of a dataset) and its answer: names with a confidence, and a prediction."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -41,20 +41,20 @@ class RecordedCase:
 class Claim:
     """A baseline's answer."""
 
-    findings: tuple[ReportedEffect, ...]  # effects it names; empty where it names none
+    findings: tuple[ReportedEffect, ...]  # named effects
     predict: Predict  # commands (E, T, n), first positions and speeds (E, 2n) → positions (E, T, n) [rad]
 
 
 def claim(effect: str, joint: str | None) -> ReportedEffect:
-    """Return a name without parameters; a method without a measure of doubt is sure of it."""
+    """Return a name without parameters, at full confidence."""
     return ReportedEffect((effect, joint), {}, {}, 1.0, ())
 
 
 def find_baseline(name: str) -> Callable[[Path, Path], Claim]:
-    """Return what answers for a dataset and a nominal model.
+    """Return a baseline's function, (dataset, nominal model) → claim.
 
     Raises:
-        UnknownName: there is no such baseline; lists those there are.
+        UnknownName: there is no such baseline; lists the baselines.
     """
     answer: Callable[[Path, Path], Claim] = registry.import_plugin(
         "benchmarks.blind.baselines", name, "baseline"

@@ -1,4 +1,4 @@
-"""Naming by regression: what one-step residual accelerations go with, joint by joint."""
+"""Naming by regression: regressors that explain one-step residual accelerations, joint by joint."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ EFFECTS = ("coulomb_friction", "viscous_friction", "rotor_inertia", "servo_stiff
 
 
 def answer(dataset: Path, model: Path) -> Claim:
-    """Name the regressor that explains the largest share of any joint's residual; the model stays as it is."""
+    """Name the regressor that explains the largest share of any joint's residual; the model is not changed."""
     recorded = RecordedCase.load(dataset)
     n = len(recorded.joints)
     simulator = MujocoSimulator.load(model, 1 / recorded.rate, recorded.joints, threads=1)
@@ -34,7 +34,7 @@ def answer(dataset: Path, model: Path) -> Claim:
 
 
 def compute_regressors(recorded: RecordedCase, joint: int) -> np.ndarray:
-    """Return what a joint's residual may go with, shape (6, samples), in the order of `EFFECTS`."""
+    """Return candidate regressors of a joint's residual, shape (6, samples), in the order of `EFFECTS`."""
     n = len(recorded.joints)
     position, speed = recorded.states[:, 1:-1, joint], recorded.states[:, 1:-1, n + joint]
     acceleration = (speed - recorded.states[:, :-2, n + joint]) * recorded.rate
@@ -44,14 +44,14 @@ def compute_regressors(recorded: RecordedCase, joint: int) -> np.ndarray:
 
 
 def compute_explained_shares(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """Return the share of the residual's mean square that goes when each regressor is added to all others."""
+    """Return the share of the residual's mean square that each regressor explains beyond all others, shape (6,)."""
     whole = sum_squared_residuals(columns, residual)
     alone = [sum_squared_residuals(np.delete(columns, row, axis=0), residual) - whole for row in range(len(columns))]
     return np.array(alone) / (residual @ residual)
 
 
 def sum_squared_residuals(columns: np.ndarray, residual: np.ndarray) -> float:
-    """Return the sum of squares that linear regression leaves."""
+    """Return the residual sum of squares of a linear regression."""
     weights = np.linalg.lstsq(columns.T, residual, rcond=None)[0]
     rest = residual - weights @ columns
     return float(rest @ rest)

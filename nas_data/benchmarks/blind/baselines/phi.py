@@ -16,13 +16,13 @@ from nas_data.pairing import pair
 from nas_data.runs.progress import silence
 from nas_data.simulators.mujoco import MujocoSimulator
 
-# free running for about a minute on one core, in smaller steps than the preset's; the closed-form shortcut is left
-# out, for with velocities that are differences of coarse positions it predicts worse than no correction
+# Multi-step rollouts for about a minute on one core, in smaller steps than the preset's. Without the closed-form
+# shortcut: with velocities differenced from coarse positions it predicts worse than no correction.
 SMALL = {"updates": 100, "frames": 1600, "horizon": 100, "shortcut": False}
 
 
 def answer(dataset: Path, model: Path) -> Claim:
-    """Train φ for about a minute on what is handed over."""
+    """Train φ for about a minute on the recorded episodes."""
     recorded = read(dataset)
     simulator = MujocoSimulator.load(model, 1 / recorded.fps, recorded.joints, threads=1)
     options = preset("fast", **SMALL)

@@ -1,4 +1,4 @@
-"""The plain fit of `nas gap` alone: every smooth parameter of every joint, with no name given."""
+"""The plain fit of `nas gap` alone: every smooth parameter of every joint; names no effect."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from nas_data.simulators.initial_states import InitialLoad
 
 
 def answer(dataset: Path, model: Path) -> Claim:
-    """Fit what is handed over; nothing is named."""
+    """Fit all smooth parameters; name nothing."""
     problem = Problem.load(dataset, str(model))
     search = Search.begin(problem.train, problem.held)
     plain = fit_plain(search)

@@ -1,4 +1,4 @@
-"""Fitting every parameter at once, as `mujoco.sysid` does, and blaming the one that ended farthest out."""
+"""Fit every parameter at once, as `mujoco.sysid` does, and name the one that moved farthest."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,12 +13,12 @@ from nas_data.benchmarks.blind.fresh import Delivered, find_actuators
 from nas_data.simulators.layout import FULLPHYSICS, Layout
 from nas_data.simulators.rest_states import RestStates
 
-EPISODES = 8  # of those handed over: all of them give the same names for more than twice the time
+EPISODES = 8  # episodes to fit; all of them give the same names in more than twice the time
 ITERATIONS = 8
-WIDEST = np.log(20.0)  # of a factor
-TOLERATED = np.log(1.25)  # a base parameter may be that much off without anything missing
-STEP = 1e-3  # of a logarithm, for derivatives: rollouts with dry friction are too rough for less
-# each parameter's name, and the effect of the contract's table that a change of it amounts to
+WIDEST = np.log(20.0)  # largest factor
+TOLERATED = np.log(1.25)  # base parameters may be off by this factor without a missing effect
+STEP = 1e-3  # finite difference of a logarithm: rollouts with dry friction are too rough for smaller ones
+# each parameter's name, and the effect of the contract's table that it corresponds to
 PARAMETERS = {
     "kp": "servo_stiffness",
     "damping": "viscous_friction",
@@ -30,11 +30,11 @@ PARAMETERS = {
 
 @dataclass(frozen=True)
 class SysidProblem:
-    """A model whose parameters are all free, and episodes to fit them to."""
+    """A model with all parameters free, and the episodes to fit."""
 
     model: mujoco.MjModel  # compiled nominal model
     layout: Layout  # its measured joints
-    recorded: RecordedCase  # what is fitted
+    recorded: RecordedCase  # episodes to fit
     substeps: int  # physics steps per control period
 
     def changed(self, logarithms: np.ndarray) -> mujoco.MjModel:
@@ -55,13 +55,13 @@ class SysidProblem:
         return model
 
     def residual(self, columns: np.ndarray) -> np.ndarray:
-        """Return simulated minus measured positions [rad] for columns of logarithms: (residuals, columns)."""
+        """Return simulated minus measured positions [rad] for each column of logarithms: (residuals, columns)."""
         columns = columns.reshape(len(columns), -1)
         return np.stack([self._compute_misfit(self.changed(column)) for column in columns.T], axis=1)
 
     def _compute_misfit(self, model: mujoco.MjModel) -> np.ndarray:
         commands, first = self.recorded.commands[:EPISODES], self.recorded.states[:EPISODES, 0].copy()
-        if self.layout.inputs.positional.all():  # nothing holds an arm under torque commands at rest
+        if self.layout.inputs.positional.all():  # under torque commands, nothing holds an arm at rest
             first[:, len(self.recorded.joints) :] = 0
         controls = np.repeat(self.layout.controls(commands), self.substeps, axis=1)
         start = RestStates(model, self.layout, FULLPHYSICS)(first)
@@ -71,7 +71,7 @@ class SysidProblem:
 
 
 def answer(dataset: Path, model: Path) -> Claim:
-    """Fit gains, damping, friction, rotor inertia and masses; name the parameter farthest out, if any is."""
+    """Fit gains, damping, friction, rotor inertia and masses; name the parameter that moved farthest, if any."""
     recorded = RecordedCase.load(dataset)
     compiled = mujoco.MjModel.from_xml_path(str(model))
     substeps = int(np.ceil(1 / recorded.rate / compiled.opt.timestep - 1e-6))
@@ -95,7 +95,7 @@ def answer(dataset: Path, model: Path) -> Claim:
 
 
 def compute_half_widths(fit: SysidProblem, logarithms: np.ndarray) -> np.ndarray:
-    """Return half widths of 95 % intervals, independent residuals assumed, as `mujoco.sysid` has them."""
+    """Return half widths of 95 % intervals under independent residuals, shape (5 n,), as in `mujoco.sysid`."""
     around = np.concatenate([np.zeros((len(logarithms), 1)), STEP * np.eye(len(logarithms))], axis=1)
     columns = fit.residual(logarithms[:, None] + around)
     residual, jacobian = columns[:, 0], (columns[:, 1:] - columns[:, :1]) / STEP

@@ -1,4 +1,4 @@
-"""What a plant is: an arm with something hidden in it that plays commands and shows where its links are."""
+"""Interface of a plant: an arm with hidden effects that plays commands and returns its true states."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -18,18 +18,19 @@ from nas_data.benchmarks.blind.plants.motion import REFRESH, Drive, PlantState
 from nas_data.benchmarks.blind.plants.vectors import cross
 from nas_data.errors import UnknownName
 
-SUFFIX = "_plant"  # of the files that are plants
-SETTLE = 0.5  # [s] for which the first pose is commanded before an episode begins, unless said otherwise
+SUFFIX = "_plant"  # of the file names of plants
+SETTLE = 0.5  # [s] default time for which the first pose is commanded before an episode begins
 
 
-# control period from zero, true states (C E, 2n) → commands (C E, n) of that period
+# index of the control period, true states (C E, 2n) → commands (C E, n) of that period
 Feedback: TypeAlias = Callable[[int, np.ndarray], np.ndarray]
-# states (C, E, T + 1, 2n) of an arm under C truths with commands (E, T, n) from states (E, 2n) at a control period [s];
-# feedback, where there is one, replaces the commands
+# Simulates an arm under C truths: commands (E, T, n), initial states (E, 2n), control period [s], optional feedback in
+# place of the commands → states (C, E, T + 1, 2n).
 Simulate: TypeAlias = Callable[
     [NominalArm, Sequence[Truth], np.ndarray, np.ndarray, float, Feedback | None], np.ndarray
 ]
-# C arms alike, their stacked numbers, what they remember → while it is open, what moves them on by `REFRESH`
+# C arms with equally many links, their stacked constants, their state → context manager of a function that advances
+# them by `REFRESH`
 OpenPhysics: TypeAlias = Callable[
     [list[PlantBody], dict[str, np.ndarray], PlantState], AbstractContextManager[Callable[[], None]]
 ]
@@ -52,21 +53,21 @@ class Play:
         speeds: np.ndarray | None = None,
         feedback: Feedback | None = None,
     ) -> np.ndarray:
-        """Return where the links are and how fast, without noise.
+        """Return true positions and velocities, without noise.
 
         Args:
             arm: Nominal arm.
-            truths: What is hidden; each is played.
+            truths: Hidden effects; each truth is simulated.
             commands: Commanded positions [rad] or torques [N m], shape (E, T, n).
-            poses: Commanded before each episode, or where the links are when it begins [rad], shape (E, n).
+            poses: Pose commanded before each episode, or its first pose [rad], shape (E, n).
             period: Control period [s].
-            settle: For how long the poses are commanded [s]; an episode that begins in motion knows no before.
-            speeds: How fast the links move when an episode begins [rad/s], shape (E, n); None where they rest.
-            feedback: Gives the commands of each control period in the place of `commands`; one truth only.
+            settle: Time for which the poses are commanded [s]; unused for episodes that begin in motion.
+            speeds: Initial speeds [rad/s], shape (E, n); None for rest.
+            feedback: Computes the commands of each control period instead of `commands`; one truth only.
 
         Returns:
-            Positions [rad], then velocities [rad/s], before the first command and after each, shape
-            (len(truths), E, T + 1, 2n).
+            Positions [rad], then velocities [rad/s], before the first command and after each, shape (len(truths), E, T
+            + 1, 2n).
         """
         if speeds is not None:
             return self.simulate(arm, truths, commands, np.concatenate([poses, speeds], axis=1), period, feedback)
@@ -77,10 +78,10 @@ class Play:
 
 
 def find_plant(name: str) -> Play:
-    """Return a plant's `play` by its name, `numpy` for the file `numpy_plant.py`.
+    """Return a plant's `play` by name: `numpy` is in the file `numpy_plant.py`.
 
     Raises:
-        UnknownName: there is no such plant; lists those there are.
+        UnknownName: there is no such plant; lists the plants.
     """
     plants = [
         file.removesuffix(SUFFIX) for file in registry.list_names("benchmarks.blind.plants") if file.endswith(SUFFIX)
@@ -92,7 +93,7 @@ def find_plant(name: str) -> Play:
 
 
 def make_simulation(open_physics: OpenPhysics) -> Simulate:
-    """Return a simulation of drives and links; arms with equally many links are simulated together."""
+    """Return a simulation of drives and links that batches arms with equally many links."""
 
     def simulate(
         arm: NominalArm,
@@ -122,13 +123,13 @@ def simulate_alike(
     period: float,
     feedback: Feedback | None,
 ) -> np.ndarray:
-    """Return states (C, E, T + 1, 2n) of C arms alike under commands (E, T, n) from states (E, 2n)."""
+    """Return states (C, E, T + 1, 2n) of C arms with equally many links, commands (E, T, n), initial states (E, 2n)."""
     episodes, steps, n = commands.shape
     numbers = stack_arms(bodies, episodes)
-    # C arms times E episodes, an arm's episodes side by side
+    # C arms times E episodes, the episodes of an arm in adjacent rows
     first = np.concatenate([compute_start_states(body, starts) for body in bodies])
-    told = np.tile(pad_commands(bodies[0], commands), (len(bodies), 1, 1))
-    state = PlantState(Drive.of(numbers), told, period, first)
+    tiled = np.tile(pad_commands(bodies[0], commands), (len(bodies), 1, 1))
+    state = PlantState(Drive.of(numbers), tiled, period, first)
     measured = np.empty((len(first), steps + 1, 2 * n))
     measured[:, 0] = state.measure(n)
     with open_physics(bodies, numbers, state) as move:
@@ -142,7 +143,7 @@ def simulate_alike(
 
 
 def compute_start_states(body: PlantBody, starts: np.ndarray) -> np.ndarray:
-    """Return the links' first angles, then speeds (E, 2n): the start, and a load that swings hanging straight down."""
+    """Return the links' initial angles, then speeds (E, 2n); a swinging load hangs straight down."""
     if len(body.masses) == body.driven:
         return starts
     poses, speeds = np.split(starts, 2, axis=1)
@@ -156,11 +157,11 @@ def compute_start_states(body: PlantBody, starts: np.ndarray) -> np.ndarray:
 
 
 def make_chain(numbers: dict[str, np.ndarray]) -> Chain:
-    """Return the rigid bodies of stacked arms."""
+    """Return the rigid-body chain of stacked arms."""
     return Chain(*(numbers[field.name] for field in fields(Chain)))
 
 
 def pad_commands(body: PlantBody, commands: np.ndarray) -> np.ndarray:
-    """Return commands (E, T, n) with zeros for links that nothing drives."""
+    """Return commands (E, T, n) with zeros for undriven links."""
     undriven = len(body.masses) - body.driven
     return np.concatenate([commands, np.zeros((*commands.shape[:2], undriven))], axis=2)

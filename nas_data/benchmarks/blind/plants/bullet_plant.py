@@ -12,14 +12,14 @@ from nas_data.benchmarks.blind.plants.hiding import PlantBody
 from nas_data.benchmarks.blind.plants.motion import LEAD, REFRESH, PlantState
 from nas_data.simulators.bullet_world import import_pybullet, silence
 
-UNBOUNDED = 1e5  # [rad/s] PyBullet's own bound, 100 rad/s, is no physics
+UNBOUNDED = 1e5  # [rad/s] in place of PyBullet's speed limit of 100 rad/s, which is not physical
 
 
 @contextmanager
 def open_worlds(
     bodies: list[PlantBody], numbers: dict[str, np.ndarray], state: PlantState
 ) -> Iterator[Callable[[], None]]:
-    """Yield what moves all arms on by `REFRESH`; see `OpenPhysics`."""
+    """Yield a function that advances all arms by `REFRESH`, as `OpenPhysics` requires."""
     at = np.split(np.concatenate([state.q, state.v], axis=1), len(bodies))
     with ExitStack() as stack:
         worlds = [stack.enter_context(BulletArms(body, rows)) for body, rows in zip(bodies, at, strict=True)]
@@ -30,7 +30,7 @@ play = Play(make_simulation(open_worlds))
 
 
 def move(state: PlantState, worlds: "list[BulletArms]") -> None:
-    """Move on by `REFRESH`: the drives in small steps, then each world once with their mean torques."""
+    """Advance by `REFRESH`: the drives in small steps, then each world once with their mean torques."""
     mass, bias = concatenate_pairs([world.dynamics(world.v) for world in worlds])
     before, (_, middle) = state.v, state.middle()
     if state.drive.motors:
@@ -38,23 +38,23 @@ def move(state: PlantState, worlds: "list[BulletArms]") -> None:
         state.advance(*concatenate_pairs([world.dynamics(part) for world, part in zip(worlds, speeds, strict=True)]))
     else:
         state.advance(mass, bias)
-    # mean torque of the drives on the links, without that on their rotors, which PyBullet does not have
+    # mean torque of the drives on the links, without that on the rotors, which PyBullet does not model
     torques = (mass @ ((state.v - before) / REFRESH)[..., None])[..., 0] + bias
     parts = np.split(torques, len(worlds))
     state.q, state.v = concatenate_pairs([world.step(part) for world, part in zip(worlds, parts, strict=True)])
 
 
 def concatenate_pairs(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    """Return pairs of arrays as one pair."""
+    """Concatenate pairs of arrays."""
     first, second = zip(*parts, strict=True)
     return np.concatenate(first), np.concatenate(second)
 
 
 class BulletArms:
-    """One arm per episode in one PyBullet world, where they pass through each other."""
+    """One arm per episode in one PyBullet world, without collisions."""
 
     def __init__(self, body: PlantBody, starts: np.ndarray) -> None:
-        """Load the arms in their first states: angles [rad], then speeds [rad/s], shape (E, 2n).
+        """Load the arms in their initial states: angles [rad], then speeds [rad/s], shape (E, 2n).
 
         Raises:
             MissingPackage: PyBullet is not installed.
@@ -62,7 +62,7 @@ class BulletArms:
         self.bullet = import_pybullet()
         self.joints = list(range(len(body.masses)))
         angles, self.v = np.split(starts, 2, axis=1)
-        self.q = angles + LEAD * self.v  # PyBullet's own, which run ahead
+        self.q = angles + LEAD * self.v  # PyBullet's positions, which lead
         with silence():
             self.client = self.bullet.connect(self.bullet.DIRECT)
             self.bullet.setGravity(*body.gravity.tolist(), physicsClientId=self.client)
@@ -80,7 +80,7 @@ class BulletArms:
         self.bullet.disconnect(physicsClientId=self.client)
 
     def dynamics(self, speeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return PyBullet's mass matrices (E, n, n) and bias torques (E, n) where the arms are, at speeds (E, n)."""
+        """Return mass matrices (E, n, n) and bias torques (E, n) at the present positions and at speeds (E, n)."""
         bullet, client, still = self.bullet, self.client, [0.0] * len(self.joints)
         mass, bias = [], []
         for arm, angles, rates in zip(self.arms, self.q.tolist(), speeds.tolist(), strict=True):
@@ -92,7 +92,7 @@ class BulletArms:
         """Apply joint torques (E, n) [N m] for one step.
 
         Returns:
-            Angles [rad], set back by what they run ahead, and speeds [rad/s], shape (E, n) each.
+            Angles [rad], corrected for the lead, and speeds [rad/s], shape (E, n) each.
         """
         bullet, client = self.bullet, self.client
         for arm, row in zip(self.arms, torques.tolist(), strict=True):
@@ -106,7 +106,7 @@ class BulletArms:
         return self.q - LEAD * self.v, self.v
 
     def _load(self, file: str, angles: list[float], speeds: list[float]) -> int:
-        """Load one arm without motors, drag and shapes."""
+        """Load one arm without motors, damping and shapes."""
         bullet, client = self.bullet, self.client
         arm = int(
             bullet.loadURDF(file, useFixedBase=True, flags=bullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client)
@@ -140,7 +140,7 @@ def format_link(number: int, mass: float, centre: np.ndarray, inertia: np.ndarra
 
 
 def format_joint(number: int, body: PlantBody, row: int) -> str:
-    """Write the hinge or slide that carries a link; a lower limit above the upper one is none."""
+    """Write the hinge or slide that carries a link; a lower limit above the upper one means no limit."""
     kind = "prismatic" if body.sliding[row] else "continuous"
     limit = '<limit lower="1" upper="-1" effort="0" velocity="0"/>' if body.sliding[row] else ""
     return (

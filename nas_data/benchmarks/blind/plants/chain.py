@@ -1,4 +1,4 @@
-"""Rigid-body dynamics of serial chains, many at once: composite inertias for M(q), Newton-Euler for the bias."""
+"""Batched rigid-body dynamics of serial chains: composite inertias for M(q), Newton-Euler for the bias."""
 
 from functools import cached_property
 
@@ -9,21 +9,21 @@ from nas_data.benchmarks.blind.plants.vectors import cross, from_here_on, skew
 
 
 class Chain(Links):
-    """B simulations of a serial chain, every number with a leading axis of B."""
+    """B simulations of a serial chain; every array has a leading axis of size B."""
 
     @cached_property
     def _slides(self) -> bool:
-        """Whether any joint slides; without one, its terms are left out, for they take time."""
+        """Whether any joint slides; if none does, its terms are skipped to save time."""
         return bool(self.sliding.any())
 
     @cached_property
     def _rodrigues(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return what sin q and 1 − cos q multiply in each link's rotation (Rodrigues' formula)."""
+        """Return the coefficients of sin q and 1 − cos q in each link's rotation (Rodrigues' formula)."""
         turning = skew(self.axes)
         return self.turns @ turning, self.turns @ turning @ turning
 
     def frames(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the links' rotations (B, n, 3, 3) and the joints' places (B, n, 3) in the base's frame."""
+        """Return the links' rotations (B, n, 3, 3) and the joints' positions (B, n, 3) in the base frame."""
         sine, cosine = np.sin(q)[..., None, None], np.cos(q)[..., None, None]
         by_sine, by_cosine = self._rodrigues
         local = self.turns + sine * by_sine + (1 - cosine) * by_cosine
@@ -47,13 +47,13 @@ class Chain(Links):
         """
         rotations, places = self.frames(q)
         axes = (rotations @ self.axes[..., None])[..., 0]
-        shifting = np.zeros_like(axes)  # how a unit speed of each joint shifts all beyond it
+        shifting = np.zeros_like(axes)  # velocity of everything beyond a joint that slides at unit speed
         if self._slides:
             along = self.sliding[..., None]
             axes, shifting = np.where(along, 0.0, axes), np.where(along, axes, 0.0)
         lever = (rotations @ self.centres[..., None])[..., 0]
         inertias = rotations @ self.inertias @ rotations.swapaxes(-1, -2)
-        # speed of what turns or shifts with a joint where it passes the base's origin, up to sign
+        # up to sign, velocity at the base's origin of a body that moves rigidly with the joint at unit speed
         moments = cross(axes, places) - shifting
         mass = self._compute_mass_matrix(axes, places, places + lever, inertias, moments)
         return mass, self._compute_bias(axes, places, lever, inertias, moments, v, shifting)
@@ -61,12 +61,12 @@ class Chain(Links):
     def _compute_mass_matrix(
         self, axes: np.ndarray, places: np.ndarray, centres: np.ndarray, inertias: np.ndarray, moments: np.ndarray
     ) -> np.ndarray:
-        """Composite-rigid-body method, Featherstone 2008, with moments about the base's origin."""
+        """Composite-rigid-body method (Featherstone 2008) with moments about the base's origin."""
         weighted = self.masses[..., None] * centres
         square = (weighted * centres).sum(-1)[..., None, None] * np.eye(3)
         about_origin = from_here_on(inertias + square - weighted[..., :, None] * centres[..., None, :])
         first, total = from_here_on(weighted), from_here_on(self.masses)[..., None]
-        # momentum of everything from link l on, when joint l alone turns at 1 rad/s
+        # momentum of link l and everything beyond when joint l alone turns at 1 rad/s
         linear = cross(axes, first) - total * moments
         angular = (about_origin @ axes[..., None])[..., 0] - cross(first, moments)
         full = axes @ angular.swapaxes(-1, -2) - moments @ linear.swapaxes(-1, -2)
@@ -83,7 +83,7 @@ class Chain(Links):
         v: np.ndarray,
         shifting: np.ndarray,
     ) -> np.ndarray:
-        """Newton-Euler with the joints' accelerations zero; the outward recursion is a cumulative sum."""
+        """Newton-Euler with zero joint accelerations; the outward recursion is a cumulative sum."""
         turning = axes * v[..., None]
         spin = turning.cumsum(axis=1)
         twist = cross(spin - turning, turning).cumsum(axis=1)  # angular acceleration
@@ -91,7 +91,7 @@ class Chain(Links):
         before_spin, before_twist = spin[:, :-1], twist[:, :-1]
         joints = np.zeros_like(places)
         joints[:, 1:] = cross(before_twist, step) + cross(before_spin, cross(before_spin, step))
-        if self._slides:  # Coriolis acceleration of a link that slides on one that turns
+        if self._slides:  # Coriolis acceleration of a slide on a rotating link
             joints[:, 1:] += 2 * cross(before_spin, shifting[:, 1:] * v[:, 1:, None])
         joints[:, 1:] = joints[:, 1:].cumsum(axis=1)
         acceleration = joints + cross(twist, lever) + cross(spin, cross(spin, lever)) - self.gravity[:, None]

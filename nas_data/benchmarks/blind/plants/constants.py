@@ -1,4 +1,4 @@
-"""The numbers of a serial arm, one row a joint or its link, in SI units, and those that its nominal model has."""
+"""Constants of a serial arm in SI units, one row per joint or link, read from its nominal model."""
 
 from dataclasses import dataclass
 
@@ -11,13 +11,13 @@ from nas_data.errors import ModelFileError
 
 @dataclass
 class Links:
-    """Rigid links of n joints, each carried by the one before it; of many arms with a leading axis.
+    """Rigid links of n joints, each carried by the one before it; batches of arms add a leading axis.
 
-    Of a joint that slides, angles are lengths [m], speeds [m/s], torques forces [N], and inertias masses [kg].
+    For a sliding joint, angles are lengths [m], speeds [m/s], torques forces [N], and inertias masses [kg].
     """
 
-    offsets: np.ndarray  # each joint in the frame of the link before it [m], shape (n, 3)
-    sliding: np.ndarray  # whether a joint slides along its axis rather than turning about it, shape (n,)
+    offsets: np.ndarray  # each joint in the parent link's frame [m], shape (n, 3)
+    sliding: np.ndarray  # whether a joint slides along its axis, shape (n,)
     turns: np.ndarray  # each link's rotation in that frame at angle zero, shape (n, 3, 3)
     axes: np.ndarray  # each joint's axis in its link's frame, shape (n, 3)
     masses: np.ndarray  # of the links [kg], shape (n,)
@@ -28,7 +28,7 @@ class Links:
 
 @dataclass
 class Servos:
-    """What every model says of its drives."""
+    """Drive parameters that every nominal model has."""
 
     damping: np.ndarray  # joint damping [N m s/rad], shape (n,)
     armature: np.ndarray  # reflected inertia [kg m²], shape (n,)
@@ -42,7 +42,7 @@ class Servos:
 
 @dataclass
 class Hideable:
-    """What may hide in a drive, and what only it needs; each of shape (n,)."""
+    """Drive parameters of hidden effects; shape (n,) each."""
 
     viscous: np.ndarray  # friction in proportion to speed [N m s/rad]
     # Break-away torque [N m] that falls to `kinetic_ratio` of it around `stribeck_velocity` [rad/s]
@@ -52,15 +52,15 @@ class Hideable:
     load_ratio: np.ndarray  # friction over the servo's torque
     delay: np.ndarray  # dead time of the commands [s]
     speed: np.ndarray  # rate at which the servo's goal moves [rad/s]
-    offset: np.ndarray  # of the servo's rest from its command [rad]
+    offset: np.ndarray  # offset of the servo's equilibrium from its command [rad]
     deadband: np.ndarray  # error that the servo ignores [rad]
     play: np.ndarray  # half width of the free play [rad]
     spring: np.ndarray  # stiffness of the transmission [N m/rad]; infinite for a rigid one
-    flank: np.ndarray  # stiffness of a gear's flank, where play ends [N m/rad]
-    cogs: np.ndarray  # amplitude of a torque [N m] that goes with the motor's angle, `cog_count` periods a turn
+    flank: np.ndarray  # stiffness of a gear's flank, where the play ends [N m/rad]
+    cogs: np.ndarray  # amplitude of a torque [N m] periodic in the motor's angle, `cog_count` periods per turn
     cog_count: np.ndarray
     cog_phase: np.ndarray
-    # stiffness of a cable [N m/rad] that pulls towards `cable_angle` from the side `cable_side` of it
+    # stiffness of a cable [N m/rad] that pulls towards `cable_angle` when the joint is on its side `cable_side`
     cable: np.ndarray
     cable_angle: np.ndarray
     cable_side: np.ndarray
@@ -110,7 +110,7 @@ class Constants(Servos, Links):
 
 
 def select_linear_coefficients(values: np.ndarray, count: int) -> np.ndarray:
-    """Return the linear coefficient of each degree of freedom where the model may hold a polynomial."""
+    """Return each degree of freedom's linear coefficient; the model may hold polynomials."""
     return np.asarray(values, float).reshape(count, -1)[:, 0].copy()
 
 

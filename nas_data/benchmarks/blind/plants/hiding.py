@@ -1,4 +1,4 @@
-"""An arm with everything that hides in it: how each effect changes its numbers, by the contract's table alone."""
+"""How each effect of the contract's table changes an arm's constants."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
@@ -24,14 +24,14 @@ PENDULUM = {
 }
 
 Values = Mapping[str, float]
-Joints = slice  # the joint that an effect sits in, or all of them
+Joints = slice  # the joint of an effect, or all joints
 
 
 @dataclass
 class PlantBody(Hideable, Servos, Links):
-    """One arm with what hides in it."""
+    """Constants of one arm with its hidden effects."""
 
-    driven: int  # number of joints with a servo; a swinging load is one more, undriven
+    driven: int  # number of joints with a servo; a swinging load adds an undriven one
 
     @classmethod
     def of(cls, constants: Constants, base: Base) -> "PlantBody":
@@ -50,7 +50,7 @@ class PlantBody(Hideable, Servos, Links):
         return body
 
     def hang(self, mass: float, length: float, heading: float) -> None:
-        """Hang a weight [kg] on a rod [m] from the last link's centre of mass: one more link, on a pin.
+        """Hang a weight [kg] on a rod [m] from the last link's centre of mass, as one more link on a pin.
 
         The heading [rad] is the direction of the pin, as an angle about the last joint's axis.
         """
@@ -67,13 +67,13 @@ class PlantBody(Hideable, Servos, Links):
 
 
 def stack_arms(bodies: list[PlantBody], repeats: int) -> dict[str, np.ndarray]:
-    """Return each number of several arms with a leading axis, every arm repeated: (B, …)."""
+    """Return each constant of several arms with a leading axis, every arm repeated: (B, …)."""
     names = [field.name for field in fields(PlantBody) if field.name != "driven"]
     return {name: np.repeat(np.stack([getattr(body, name) for body in bodies]), repeats, axis=0) for name in names}
 
 
 def add_payload(body: PlantBody, _: Joints, values: Values) -> None:
-    """A point mass on the last link, x, y, z from its centre of mass; there, where they are left out."""
+    """Add a point mass to the last link at x, y, z from its centre of mass; default zero."""
     place = np.array([values.get(axis, 0.0) for axis in "xyz"])
     share = values["mass"] / (body.masses[-1] + values["mass"])
     # the parallel axis theorem for both about their common centre of mass
@@ -83,7 +83,7 @@ def add_payload(body: PlantBody, _: Joints, values: Values) -> None:
 
 
 def tilt_base(body: PlantBody, _: Joints, values: Values) -> None:
-    """The base is rolled about x, then pitched about the world's y: gravity turns the other way."""
+    """Roll the base about x, then pitch it about the world's y; gravity turns the opposite way."""
     leaning = make_rotation(np.array([0.0, 1, 0]), values["pitch"]) @ make_rotation(
         np.array([1.0, 0, 0]), values["roll"]
     )
@@ -91,36 +91,36 @@ def tilt_base(body: PlantBody, _: Joints, values: Values) -> None:
 
 
 def limit_torque(body: PlantBody, joint: Joints, values: Values) -> None:
-    """The servo saturates at this torque."""
+    """Limit the servo's torque."""
     body.force[joint] = (-values["torque"], values["torque"])
 
 
 def add_stribeck_friction(body: PlantBody, joint: Joints, values: Values) -> None:
-    """Friction that is largest at rest."""
+    """Add friction that is largest at rest."""
     body.stribeck[joint] = values["torque"]
     body.kinetic_ratio[joint] = values["kinetic_ratio"]
     body.stribeck_velocity[joint] = values["stribeck_velocity"]
 
 
 def add_cogging(body: PlantBody, joint: Joints, values: Values) -> None:
-    """A torque with the period of the gear's teeth."""
+    """Add a torque with the period of the gear's teeth."""
     body.cogs[joint], body.cog_count[joint] = values["torque"], values["count"]
     body.cog_phase[joint] = values["phase"]
 
 
 def add_cable(body: PlantBody, joint: Joints, values: Values) -> None:
-    """A cable that pulls towards an angle from one side of it, and hangs loose on the other."""
+    """Add a cable that pulls towards an angle from one side of it and is slack on the other."""
     body.cable[joint], body.cable_angle[joint] = values["stiffness"], values["angle"]
     body.cable_side[joint] = values["side"]
 
 
 def hang_load(body: PlantBody, _: Joints, values: Values) -> None:
-    """A weight that swings from the last link."""
+    """Hang a swinging weight from the last link."""
     body.hang(values["mass"], values["length"], values["heading"])
 
 
 def make_add_rule(field: str, parameter: str) -> Callable[[PlantBody, Joints, Values], None]:
-    """Return the rule that adds a parameter to a number of the joint."""
+    """Return a rule that adds a parameter to a constant of the joint."""
 
     def apply(body: PlantBody, joint: Joints, values: Values) -> None:
         getattr(body, field)[joint] += values[parameter]
@@ -129,7 +129,7 @@ def make_add_rule(field: str, parameter: str) -> Callable[[PlantBody, Joints, Va
 
 
 def make_set_rule(field: str, parameter: str) -> Callable[[PlantBody, Joints, Values], None]:
-    """Return the rule that sets a number of the joint."""
+    """Return a rule that sets a constant of the joint."""
 
     def apply(body: PlantBody, joint: Joints, values: Values) -> None:
         getattr(body, field)[joint] = values[parameter]
@@ -138,7 +138,7 @@ def make_set_rule(field: str, parameter: str) -> Callable[[PlantBody, Joints, Va
 
 
 def scale_gain(body: PlantBody, joint: Joints, values: Values) -> None:
-    """The position gain is another."""
+    """Scale the position gain."""
     body.gain[joint] *= values["factor"]
 
 
@@ -171,7 +171,7 @@ def hide(constants: Constants, truth: Truth) -> PlantBody:
         UnknownName: there is no rule for an effect.
     """
     body = PlantBody.of(constants, truth.base)
-    # a swinging load makes the arm longer: what acts on all joints must have acted before
+    # a swinging load adds a link, so effects on all joints are applied first
     for hidden in sorted(truth.hidden, key=lambda hidden: hidden.effect == "swinging_load"):
         if hidden.effect not in RULES:
             raise UnknownName("hidden effect", hidden.effect, RULES)
@@ -180,7 +180,7 @@ def hide(constants: Constants, truth: Truth) -> PlantBody:
 
 
 def select_rows(constants: Constants, hidden: Hidden) -> Joints:
-    """Return which rows an effect changes."""
+    """Return the rows that an effect changes."""
     if hidden.joint is None:
         return slice(0, len(constants.joints))
     row = constants.joints.index(hidden.joint)

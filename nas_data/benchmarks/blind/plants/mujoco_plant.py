@@ -1,4 +1,4 @@
-"""The native plant, for comparison only: MuJoCo with this project's own effects, the inverse crime on purpose."""
+"""Plant in MuJoCo with this project's own effects: a deliberate inverse crime, for comparison only."""
 
 import tempfile
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ def simulate(
     period: float,
     feedback: Feedback | None,
 ) -> np.ndarray:
-    """Return states (C, E, T + 1, 2n) under each truth; see `Simulate`.
+    """Return states (C, E, T + 1, 2n) under each truth; implements `Simulate`.
 
     Raises:
         UnknownName: a truth hides something outside the contract's table.
@@ -41,7 +41,7 @@ play = Play(simulate)
 
 
 def roll_out_closed_loop(simulator: MujocoSimulator, starts: np.ndarray, steps: int, feedback: Feedback) -> np.ndarray:
-    """Return states (E, T, 2n) after each of T control periods under commands that depend on them."""
+    """Return states (E, T, 2n) after each of T control periods with commands from feedback."""
     stepper, states, rows = simulator.stepper(len(starts)), starts, []
     stepper.reset(starts)
     for step in range(steps):
@@ -51,7 +51,7 @@ def roll_out_closed_loop(simulator: MujocoSimulator, starts: np.ndarray, steps: 
 
 
 def build(arm: NominalArm, truth: Truth, period: float) -> MujocoSimulator:
-    """Return the arm with its base errors and effects as a simulator on one thread."""
+    """Return a single-threaded simulator of the arm with its base errors and effects."""
     effects = [make_effect(hidden.effect, hidden.joint, hidden.parameters) for hidden in truth.hidden]
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "arm.xml"
@@ -61,7 +61,7 @@ def build(arm: NominalArm, truth: Truth, period: float) -> MujocoSimulator:
 
 
 def multiply(spec: mujoco.MjSpec, joints: Sequence[str], base: Base) -> None:
-    """Multiply the model's own parameters, those of each joint by its factors."""
+    """Multiply the model's parameters of each joint by its base factors."""
     for row, name in enumerate(joints):
         joint = spec.joint(name)
         servo = next(actuator for actuator in spec.actuators if actuator.target == name)

@@ -1,4 +1,4 @@
-"""An arm written in NumPy from the equations alone, no physics engine beneath: every episode at once."""
+"""Plant in NumPy, written from the equations without a physics engine; all episodes in one batch."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,7 +14,7 @@ from nas_data.benchmarks.blind.plants.motion import PlantState
 def open_chain(
     bodies: list[PlantBody], numbers: dict[str, np.ndarray], state: PlantState
 ) -> Iterator[Callable[[], None]]:
-    """Yield what moves all arms on by `REFRESH`; see `OpenPhysics`."""
+    """Yield a function that advances all arms by `REFRESH`, as `OpenPhysics` requires."""
     chain = make_chain(numbers)
     yield lambda: state.advance(*chain.dynamics(*state.middle()))
 

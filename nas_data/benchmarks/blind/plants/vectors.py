@@ -1,4 +1,4 @@
-"""Cross products and rotations of whole batches, faster for small arrays than NumPy's general ones."""
+"""Cross products and rotations of batches, faster for small arrays than NumPy's general functions."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def clip_symmetric(values: np.ndarray, limit: np.ndarray | float) -> np.ndarray:
-    """Return values within ± a limit; `np.clip` takes four times as long for few of them."""
+    """Clip values to ± a limit; `np.clip` takes four times as long for small arrays."""
     return np.asarray(np.minimum(np.maximum(values, -limit), limit))
 
 
@@ -29,7 +29,7 @@ def convert_quaternion(quaternion: np.ndarray) -> np.ndarray:
 
 
 def make_rotation(axis: np.ndarray, angle: float) -> np.ndarray:
-    """Return the rotation by an angle [rad] about a unit axis (Rodrigues)."""
+    """Return the rotation matrix (3, 3) for an angle [rad] about a unit axis (Rodrigues)."""
     turn = skew(np.asarray(axis, float))
     return np.asarray(np.eye(3) + np.sin(angle) * turn + (1 - np.cos(angle)) * turn @ turn)
 

@@ -1,1 +1,1 @@
-"""What cases of the blind benchmark look like: each file draws arms, recordings and hiding places of its own sort."""
+"""Settings of the blind benchmark: each file draws arms, recordings and hidden effects of its own kind."""

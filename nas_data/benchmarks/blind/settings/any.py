@@ -1,4 +1,4 @@
-"""Two to seven joints of any size, at any usual rate and resolution, under any usual command: other people's arms."""
+"""Two to seven joints of any size, recorded at any usual rate and resolution, under any usual command."""
 
 import numpy as np
 
@@ -13,20 +13,20 @@ from nas_data.benchmarks.blind.settings.base import CaseSetting
 RATES = (50.0, 100.0, 200.0)  # [Hz]
 EPISODES, FRESH = (10, 25), 8
 SECONDS = (2.5, 5.0)
-SETTLE = 1.5  # [s] three times an XL-320's: a damped loop of 2.5 Hz takes as long
+SETTLE = 1.5  # [s] three times an XL-320's: as long as a damped loop of 2.5 Hz takes
 NOISE = (np.radians(0.03), np.radians(0.2))  # [rad] standard deviation before rounding
 QUANTA = (0.0, np.radians(0.088), np.radians(0.29))  # [rad] none, 4096 and 1241 steps a turn
-FINER = (0.1, 0.5)  # noise of a measured speed over that of differences of positions
+FINER = (0.1, 0.5)  # noise of a measured speed relative to that of differenced positions
 
 
 def draw(identity: Identity) -> tuple[NominalArm, Conditions]:
-    """Draw an arm and under what it is recorded."""
+    """Draw an arm and its recording conditions."""
     conditions = draw_conditions(identity)
     return draw_design(identity.stream("arm"), conditions.period), conditions
 
 
 def draw_conditions(identity: Identity) -> Conditions:
-    """Draw under what an arm is recorded."""
+    """Draw recording conditions."""
     rng = identity.stream("conditions")
     rate = float(rng.choice(RATES))
     return Conditions(
@@ -41,7 +41,7 @@ def draw_conditions(identity: Identity) -> Conditions:
 
 
 def draw_sensor(rng: Rng, rate: float) -> Sensor:
-    """Draw what the servos report at a rate [Hz]; half of them measure speed."""
+    """Draw the servos' sensor at a rate [Hz]; half of them measure speed."""
     noise, quantum = float(rng.uniform(*NOISE)), float(rng.choice(QUANTA))
     floor = float(np.hypot(noise, quantum / np.sqrt(12)))
     differenced, finer = np.sqrt(2) * floor * rate, rng.uniform(*FINER)
@@ -49,7 +49,7 @@ def draw_sensor(rng: Rng, rate: float) -> Sensor:
 
 
 def draw_payload(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
-    """A load anywhere on the last link, which is about twice as long as its centre of mass is far from its joint."""
+    """Draw a load anywhere on the last link; links are about twice as long as the distance to their centre of mass."""
     centre = constants.centres[-1]
     along = rng.uniform(-0.9, 0.9) * centre
     aside = 0.2 * np.linalg.norm(centre) * rng.uniform(-1, 1, 3)
@@ -60,7 +60,7 @@ def draw_payload(rng: Rng, constants: Constants, joint: int, faint: bool) -> Val
 
 
 def draw_swinging_load(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
-    """A weight of a tenth to a half of the arm's moving mass on a string of a third to all of the last link."""
+    """Draw a weight of 1/10 to 1/2 of the arm's moving mass on a string of 1/3 to 1 link length."""
     return {
         "mass": float(constants.masses.sum()) * Span(0.1, 0.5, 0.01).draw(rng, faint),
         "length": float(2 * np.linalg.norm(constants.centres[-1]) * rng.uniform(0.33, 1.0)),

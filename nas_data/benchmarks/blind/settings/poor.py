@@ -1,4 +1,4 @@
-"""Arms of the setting `any` in few data: five episodes under one sort of command, at 20 Hz."""
+"""Arms of the setting `any` with few data: five episodes under one kind of command, at 20 Hz."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ ONE = tuple(signal for signal in SIGNALS if signal != MIXTURE)
 
 
 def draw(identity: Identity) -> tuple[NominalArm, Conditions]:
-    """Draw what `any` draws, recorded slowly and seldom."""
+    """Draw as `any` does, with a low rate and few episodes."""
     rng, usual = identity.stream("poor"), any_setting.draw_conditions(identity)
     sensor = any_setting.draw_sensor(rng, RATE)
     conditions = replace(usual, rate=RATE, episodes=EPISODES, signal=str(rng.choice(ONE)), sensor=sensor)

@@ -1,4 +1,4 @@
-"""Two joints of an XL-320's size, 50 Hz, 8 episodes of 0.8 s: cases of some seconds, for a quick check of a search."""
+"""Two joints of an XL-320's size, 50 Hz, 8 episodes of 0.8 s: cases of seconds, to test a search quickly."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ JOINTS = 2
 RATE = 50.0  # [Hz]
 EPISODES, FRESH = 8, 4
 SECONDS = 0.8
-LEAST = 5.0  # [noise floors] 320 samples a joint show less than the 6000 of xl320
+LEAST = 5.0  # [noise floors] 320 samples per joint show less than the 6000 of xl320
 
 
 def draw(identity: Identity) -> tuple[NominalArm, Conditions]:

@@ -1,4 +1,4 @@
-"""One to three axes that turn or slide, commanded by torques, in episodes that were cut from motions under way."""
+"""One to three hinges or slides under commanded torques, in episodes cut from continuous motions."""
 
 from collections.abc import Mapping
 
@@ -26,11 +26,11 @@ MOTIONS, FRESH = (2, 4), 1  # motions handed over, and kept back
 SECONDS = (0.6, 1.5)  # of an episode
 NOISE = (1e-4, 5e-4)  # [rad, m] standard deviation before rounding
 QUANTA = (0.0, 1e-4, 4e-4)  # [rad, m] none, 16 and 14 bits a turn
-FINER = (0.02, 0.2)  # noise of a measured speed over that of differences of positions, which is large at such rates
+FINER = (0.02, 0.2)  # noise of a measured speed relative to that of differenced positions, which is large here
 
 
 def draw(identity: Identity) -> tuple[NominalArm, Conditions]:
-    """Draw a machine and under what it is recorded."""
+    """Draw a machine and its recording conditions."""
     rng = identity.stream("conditions")
     rate, pieces = float(rng.choice(RATES)), int(rng.integers(PIECES[0], PIECES[1] + 1))
     conditions = Conditions(
@@ -47,7 +47,7 @@ def draw(identity: Identity) -> tuple[NominalArm, Conditions]:
 
 
 def draw_sensor(rng: Rng, rate: float) -> Sensor:
-    """Draw what the drives report at a rate [Hz]; half of them measure speed."""
+    """Draw the drives' sensor at a rate [Hz]; half of them measure speed."""
     noise, quantum = draw_log_uniform(rng, *NOISE), float(rng.choice(QUANTA))
     floor = float(np.hypot(noise, quantum / np.sqrt(12)))
     differenced, finer = np.sqrt(2) * floor * rate, draw_log_uniform(rng, *FINER)
@@ -55,24 +55,24 @@ def draw_sensor(rng: Rng, rate: float) -> Sensor:
 
 
 def compute_saturating_friction(constants: Constants) -> np.ndarray:
-    """Return the friction coefficients [N m s/rad] at which a usual speed takes the whole of the torque limits."""
+    """Return the friction [N m s/rad] that takes the whole torque limit at a typical speed, shape (n,)."""
     return read_torque_limits(constants) / USUAL[constants.sliding.astype(int)]
 
 
 def draw_payload_mass(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
-    """A third to twice what the last axis moves."""
+    """Draw a mass of 1/3 to twice the mass that the last axis moves."""
     return {"mass": float(constants.masses[-1]) * Span(0.3, 2.0, 0.02).draw(rng, faint)}
 
 
 def draw_cogging(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
-    """A torque that comes back eight to thirty times a turn, or once in 1.5 to 6 cm."""
+    """Draw a torque with 8 to 30 periods per turn, or one per 1.5 to 6 cm."""
     torque = float(read_torque_limits(constants)[joint]) * Span(0.05, 0.3, 0.005).draw(rng, faint)
     count = rng.uniform(100, 400) if constants.sliding[joint] else rng.integers(8, 31)
     return {"torque": torque, "count": float(count), "phase": float(rng.uniform(0, 2 * np.pi))}
 
 
 def draw_cable(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
-    """A cable that pulls with up to a third of the torque limit, slack over part of the joint's range."""
+    """Draw a cable that pulls with up to 1/3 of the torque limit, slack over part of the joint's range."""
     reach = float(find_reach(constants.sliding)[joint, 1])
     return {
         "stiffness": float(read_torque_limits(constants)[joint]) / reach * Span(0.05, 0.3, 0.005).draw(rng, faint),

@@ -1,4 +1,4 @@
-"""Six joints of an XL-320's size, 100 Hz, 20 episodes of 3 s, readings of 0.29 degrees: cases that all look alike."""
+"""Six joints of an XL-320's size, 100 Hz, 20 episodes of 3 s, readings of 0.29°: cases of one kind."""
 
 import numpy as np
 
@@ -20,7 +20,7 @@ SENSOR = Sensor(float(NOISE), float(QUANTUM), FLOOR)
 
 
 def draw(identity: Identity) -> tuple[NominalArm, Conditions]:
-    """Draw the Ergo Jr or a random arm of its size, and steps alone or a mixture of signals."""
+    """Draw the Ergo Jr or a random arm of its size, commanded by steps or a mixture of signals."""
     arm = draw_arm(identity.stream("arm"))
     signal = str(identity.stream("signal").choice(SIGNALS))
     return arm, Conditions(RATE, SECONDS, EPISODES, FRESH, SETTLE, signal, SENSOR)

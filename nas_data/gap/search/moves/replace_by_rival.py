@@ -54,8 +54,8 @@ def find_better_rival(search: Search, h: Hypothesis, numbers: Sequence[int]) -> 
 def add_rivals(search: Search, h: Hypothesis, numbers: Sequence[int]) -> None:
     """Screen for rivals: the most promising effects in place of each, and similar ones of the other form.
 
-    An effect of the model file is compared with similar ones that need a hook, and the other way round, because the
-    order in which they were tried depends on the effects known at that time.
+    Effects of the model file are compared with similar ones that need a hook, and vice versa. The order in which they
+    were first tried depends on the effects known at that time.
     """
     for number in numbers:
         effect = h.effects[number]

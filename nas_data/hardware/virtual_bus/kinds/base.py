@@ -99,7 +99,7 @@ class ServoSeries(ABC):
 
     @abstractmethod
     def is_persistent(self, register: ControlTableEntry) -> bool:
-        """Return whether a register survives a loss of power."""
+        """Whether a register survives a loss of power."""
 
     @abstractmethod
     def drive(self, servo: "VirtualServo") -> ServoDrive:
@@ -126,7 +126,7 @@ class ServoSeries(ABC):
             servo.put(self.unloads, 0)
 
     def is_locked(self, servo: "VirtualServo", register: ControlTableEntry) -> bool:
-        """Return whether a register is locked: persistent registers are locked while the torque is on."""
+        """Whether a register is locked: persistent registers are locked while the torque is on."""
         return self.is_persistent(register) and bool(servo.get("torque_enable"))
 
     def check_write(self, servo: "VirtualServo", register: ControlTableEntry, value: int) -> Error:
@@ -141,7 +141,7 @@ class ServoSeries(ABC):
         return error | (ALERT if servo.get("hardware_error") else 0)
 
     def answers(self, servo: "VirtualServo", instruction: int) -> bool:
-        """Return whether a servo answers an instruction at its status level."""
+        """Whether a servo answers an instruction at its status level."""
         return servo.get("status_level") >= LEVELS.get(instruction, ANSWERS_ALL)
 
 

@@ -123,7 +123,7 @@ class Sts3215(ServoSeries):
     protocol = FEETECH
 
     def is_persistent(self, register: ControlTableEntry) -> bool:
-        """See `ServoSeries.is_persistent`."""
+        """Whether a register survives a loss of power."""
         return register.address < RAM or register.address >= FACTORY
 
     def is_locked(self, servo: "VirtualServo", register: ControlTableEntry) -> bool:
@@ -131,7 +131,7 @@ class Sts3215(ServoSeries):
         return False
 
     def drive(self, servo: "VirtualServo") -> ServoDrive:
-        """See `ServoSeries.drive`; goals are clipped to the limits."""
+        """Return the drive state; goals are clipped to the limits."""
         goal = decode_sign_magnitude(servo.get("goal_position"), POSITION_SIGN)
         low, high = servo.get("lowest_position"), servo.get("highest_position")
         speed, acceleration = decode_sign_magnitude(servo.get("goal_speed"), POSITION_SIGN), servo.get("acceleration")
@@ -150,7 +150,7 @@ class Sts3215(ServoSeries):
         )
 
     def sense(self, servo: "VirtualServo", measured: ServoMeasurements) -> None:
-        """See `ServoSeries.sense`."""
+        """Write measurements into the registers."""
         counted = (measured.position - decode_sign_magnitude(servo.get("homing_offset"), OFFSET_SIGN)) % TURN
         servo.put("present_position", counted)
         servo.put("present_speed", encode_sign_magnitude(measured.speed / TICK, POSITION_SIGN))
@@ -161,7 +161,7 @@ class Sts3215(ServoSeries):
         servo.put("moving", int(abs(measured.speed) > STILL))
 
     def overload(self, servo: "VirtualServo") -> tuple[float, float]:
-        """See `ServoSeries.overload`."""
+        """Return the stall threshold as a share of the largest torque, and the tolerated duration [s]."""
         return servo.get("overload_torque") / HUNDRED, servo.get("protection_time") * PROTECTION_UNIT
 
     def power_on(self, servo: "VirtualServo") -> None:
@@ -173,7 +173,7 @@ class Sts3215(ServoSeries):
         return servo.get("hardware_error")
 
     def answers(self, servo: "VirtualServo", instruction: int) -> bool:
-        """See `ServoSeries.answers`."""
+        """Whether a servo answers an instruction at its status level."""
         return bool(servo.get("status_level")) or instruction in (Instruction.PING, Instruction.READ)
 
 

@@ -27,11 +27,11 @@ class Xl320Kind(ServoSeries):
     unloads = "torque_limit"
 
     def is_persistent(self, register: table.ControlTableEntry) -> bool:
-        """See `ServoSeries.is_persistent`."""
+        """Whether a register survives a loss of power."""
         return register.address < table.RAM
 
     def drive(self, servo: "VirtualServo") -> ServoDrive:
-        """See `ServoSeries.drive`."""
+        """Return the drive state that the registers define."""
         speed = servo.get("moving_speed") & FULL
         return ServoDrive(
             powered=bool(servo.get("torque_enable")),
@@ -42,7 +42,7 @@ class Xl320Kind(ServoSeries):
         )
 
     def sense(self, servo: "VirtualServo", measured: ServoMeasurements) -> None:
-        """See `ServoSeries.sense`."""
+        """Write measurements into the registers."""
         servo.put("present_position", max(0, min(table.HIGHEST, measured.position)))
         servo.put("present_speed", table.encode_sign_magnitude(measured.speed / table.SPEED_UNIT))
         servo.put("present_load", table.encode_sign_magnitude(measured.effort / table.LOAD_UNIT))

@@ -66,11 +66,11 @@ class XSeries(ServoSeries):
         self.supply, self.stall_torque, self.stall_current, self._gain = supply, torque, current, gain
 
     def is_persistent(self, register: ControlTableEntry) -> bool:
-        """See `ServoSeries.is_persistent`."""
+        """Whether a register survives a loss of power."""
         return register.address < RAM
 
     def drive(self, servo: "VirtualServo") -> ServoDrive:
-        """See `ServoSeries.drive`."""
+        """Return the drive state that the registers define."""
         speed, acceleration = servo.get("profile_velocity"), servo.get("profile_acceleration")
         return ServoDrive(
             powered=bool(servo.get("torque_enable")),
@@ -83,7 +83,7 @@ class XSeries(ServoSeries):
         )
 
     def sense(self, servo: "VirtualServo", measured: ServoMeasurements) -> None:
-        """See `ServoSeries.sense`."""
+        """Write measurements into the registers."""
         offset = decode_twos_complement(servo.get("homing_offset"), 4)
         servo.put("present_position", (measured.position + offset) % 256**4)
         servo.put("present_speed", round(measured.speed / SPEED_UNIT) % 256**4)

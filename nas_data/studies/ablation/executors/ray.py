@@ -1,4 +1,4 @@
-"""Trials on a Ray cluster: each is a task of one core, on the cluster that RAY_ADDRESS names or on one begun here."""
+"""Trials on a Ray cluster, one task of one core each; RAY_ADDRESS names the cluster, else one is started here."""
 
 import logging
 import os
@@ -18,12 +18,12 @@ Result = TypeVar("Result")
 class RayPool(Executor):
     """Ray behind Python's interface of executors.
 
-    Every machine of the cluster needs this package, and the working directory with its datasets and results at the
-    same path (a shared file system).
+    Every machine of the cluster needs this package, and the working directory with datasets and results at the same
+    path (a shared file system).
     """
 
     def __init__(self, workers: int) -> None:
-        """Join the cluster, or begin one of `workers` cores on this machine.
+        """Connect to the cluster, or start one of `workers` cores on this machine.
 
         Raises:
             MissingPackage: Ray is not installed.
@@ -34,13 +34,13 @@ class RayPool(Executor):
             raise MissingPackage("The executor ray needs Ray: pip install 'nas_data[ray]'") from None
         self._began = not ray.is_initialized()
         if self._began:
-            os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # Ray's makers need not hear of it
-            cores = None if os.environ.get("RAY_ADDRESS") else workers  # a cluster knows how many it has
+            os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no usage reports to Ray's makers
+            cores = None if os.environ.get("RAY_ADDRESS") else workers  # an existing cluster knows its number of cores
             ray.init(num_cpus=cores, include_dashboard=False, log_to_driver=False, logging_level=logging.ERROR)
         self._ray = ray
 
     def submit(self, function: Callable[[Job], Result], job: Job) -> "Future[Result]":  # type: ignore[override]
-        """Begin a job, and return what will hold its result or its error."""
+        """Start a job, and return the future of its result or error."""
         future: Future[Result] = Future()
         task = self._ray.remote(num_cpus=1)(run_in)  # type: ignore[var-annotated]  # Ray's types lose the function's
         ended = cast("Future[Result]", task.remote(function, job, str(Path.cwd())).future())
@@ -48,7 +48,7 @@ class RayPool(Executor):
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Leave the cluster; one that was begun here ends, and with it what still runs."""
+        """Disconnect; a cluster that was started here ends, together with running jobs."""
         if self._began:
             self._ray.shutdown()
 
@@ -57,7 +57,7 @@ run = partial(run_jobs, pool=RayPool)
 
 
 def run_in(function: Callable[[Job], Result], job: Job, folder: str) -> Result:
-    """Do a job in the folder where the sweep was started.
+    """Run a job in the folder where the sweep was started.
 
     Raises:
         WorkerLost: this machine has no such folder.
@@ -72,7 +72,7 @@ def run_in(function: Callable[[Job], Result], job: Job, folder: str) -> Result:
 
 
 def settle(future: "Future[Result]", ended: "Future[Result]") -> None:
-    """Hand on what a task came to: its result, the error that was raised in it, or that it was lost."""
+    """Copy the outcome of a task: its result, its error, or that it was lost."""
     from ray.exceptions import RayTaskError
 
     error = ended.exception()

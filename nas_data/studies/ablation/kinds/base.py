@@ -12,7 +12,7 @@ from nas_data.models.presets import TrainingOptions
 from nas_data.sources import SourceModel
 
 if TYPE_CHECKING:
-    from nas_data.studies.ablation.kinds.named import NamedSource  # what only trains does not depend on the search
+    from nas_data.studies.ablation.kinds.named import NamedSource  # kinds that only train must not depend on the search
 
 FOLDER = "studies.ablation.kinds"
 
@@ -31,7 +31,7 @@ class TrainingInput:
     @property
     def plain(self) -> SourceModel:
         """The plain source, for kinds that need one."""
-        assert self.source is not None  # the sweep checks it before anything is learned
+        assert self.source is not None  # checked before any training
         return self.source
 
 
@@ -49,7 +49,7 @@ class ModelKind:
     """A kind; the file `ablation/kinds/a_b.py` holds the kind `a_b` as `KIND`."""
 
     label: str  # its name in tables and figures
-    learn: Callable[[TrainingInput], TrainedPredictor]  # function that returns a predictor for a lesson
+    learn: Callable[[TrainingInput], TrainedPredictor]  # returns a predictor for an input
     trains: bool = True  # whether it trains a network, so that training options matter
     needs_source: bool = False  # whether it needs a source
     needs_pairs: bool = False  # whether it needs the source's prediction for each transition in the dataset
@@ -60,6 +60,6 @@ def find_kind(name: str) -> ModelKind:
     """Return a kind by its name.
 
     Raises:
-        UnknownName: there is no such kind; lists those there are.
+        UnknownName: there is no such kind; lists the kinds.
     """
     return registry.find_value(FOLDER, name, "kind", ModelKind)

@@ -136,7 +136,7 @@ def make_target(material: Artifacts) -> DynamicsSpec:
 def add_to_source(
     material: Artifacts, checkpoint: str | None = None, effects: str | None = None, randomised: bool = False
 ) -> DynamicsSpec:
-    """Return the source with something added."""
+    """Return the source with additions."""
     plan = material.plan
     return DynamicsSpec(plan.recipe.environment, plan.source, checkpoint, effects, randomised=randomised)
 

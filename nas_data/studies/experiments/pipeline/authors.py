@@ -1,6 +1,6 @@
-"""The numbers that the paper's authors published, each with its source; they are of their environments, not of ours.
+"""The paper's published numbers, each with its source; they refer to the authors' environments, not to ours.
 
-Their repository is aalitaiga/sim-to-real at commit d97cce7; what they simulated as backlash is `dynamics="paper"` here.
+Their repository is aalitaiga/sim-to-real at commit d97cce7; their simulated backlash is `dynamics="paper"` here.
 """
 
 from collections.abc import Iterable, Mapping
@@ -18,23 +18,23 @@ TABLE = "paper, appendix D, table 1: squared differences of angles in units of 9
 
 @dataclass(frozen=True)
 class Numbers:
-    """What the authors found."""
+    """The authors' results."""
 
-    values: tuple[float, ...]  # one a policy, or what `unit` says
-    source: str  # where they are published
+    values: tuple[float, ...]  # one per policy, or as `unit` states
+    source: str  # their publication
 
     @property
     def mean(self) -> float:
-        """Their mean, which is what the paper gives."""
+        """Their mean, as in the paper."""
         return mean(self.values)
 
     @property
     def median(self) -> float:
-        """Their median, to be compared with ours."""
+        """Their median, for comparison with ours."""
         return median(self.values)
 
     def describe(self) -> dict[str, object]:
-        """Return them for JSON."""
+        """Return the numbers for JSON."""
         return {"values": list(self.values), "mean": self.mean, "median": self.median, "source": self.source}
 
 
@@ -73,7 +73,7 @@ REMARKS = {PLOT: SIMULATED, REACHER: SIMULATED, HITS: ON_THE_ARM}
 
 
 def list_remarks(environments: Iterable[str]) -> list[str]:
-    """Return what is to be said of the numbers beside these environments; nothing where there are none."""
+    """Return remarks on the authors' numbers for some environments; empty without such numbers."""
     beside = [RETURNS.get(name, {}) for name in map(find_task_file, environments)]
     return list(dict.fromkeys(REMARKS[numbers.source] for methods in beside for numbers in methods.values()))
 

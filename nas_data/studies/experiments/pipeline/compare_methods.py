@@ -1,4 +1,4 @@
-"""The methods of figure 5, and policies of each compared on the target."""
+"""The methods of figure 5, and the comparison of their policies on the target."""
 
 from collections.abc import Sequence
 from dataclasses import asdict

@@ -31,7 +31,7 @@ class ModelJob:
 
     kind: Kind  # `delta` for φ, `forward` for ψ
     dataset: Path  # folder of the pairs, with their source
-    options: TrainingOptions  # of the training
+    options: TrainingOptions  # options of the training
     folder: Path  # output folder; a file of the same name beside it records the identity of the training
     threads: int | None = None  # simulation threads of the source; None for all cores
 

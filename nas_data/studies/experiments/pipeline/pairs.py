@@ -21,26 +21,26 @@ from nas_data.sources import collect_source_files
 class PairedRecording:
     """A paired dataset."""
 
-    path: str  # its folder below that of the work it belongs to
+    path: str  # its folder, relative to that of the work
     content_hash: str
     episodes: int  # number of episodes
     frames: int  # number of transitions
 
     def describe(self) -> dict[str, object]:
-        """Return it for JSON."""
+        """Return the recording for JSON."""
         return vars(self)
 
 
 @dataclass(frozen=True)
 class Predictor:
-    """What predicts in a pairing."""
+    """Source of a pairing."""
 
     robot: Robot  # model
-    effects: Sequence[Effect] = ()  # effects added to it
+    effects: Sequence[Effect] = ()  # additional effects
 
     @classmethod
     def of(cls, environment: str, dynamics: str = SOURCE) -> "Predictor":
-        """Return an environment's robot as one of its dynamics has it."""
+        """Return an environment's robot under one of its dynamics."""
         return cls(*find_task(environment).body(dynamics))
 
 
@@ -48,11 +48,11 @@ def record_and_pair(recipe: Recipe, source: Predictor, name: str, home: Path, fo
     """Record a target, and pair the recording with a source as its next version.
 
     Args:
-        recipe: What is recorded.
-        source: What predicts.
-        name: Of the dataset.
-        home: Where the work lies.
-        folder: Of its datasets, below that.
+        recipe: Recording recipe.
+        source: Source of the pairing.
+        name: Name of the dataset.
+        home: Folder of the work.
+        folder: Folder of its datasets, relative to `home`.
     """
     recorded, provenance = recipe.record()
     root = versions.write_version(recorded, name, provenance, home / folder)

@@ -1,4 +1,4 @@
-"""Runs an experiment: checks it first, and writes JSON, tables and pictures."""
+"""Run of an experiment: checks it first, and writes JSON, tables and figures."""
 
 import json
 import time
@@ -27,11 +27,11 @@ class ExperimentRun:
 
 
 def run_experiment(name: str, request: Request) -> ExperimentRun:
-    """Run an experiment and write its files; those of single environments are written as soon as they are done.
+    """Run an experiment and write its files, those of single environments as soon as they are done.
 
     Raises:
-        UnknownName: there is no such experiment, environment, dynamics or method; lists those there are.
-        OptionError: a size makes no sense.
+        UnknownName: there is no such experiment, environment, dynamics or method; lists the choices.
+        OptionError: a size is invalid.
         OutputExists: the folder holds something else, or results of other code.
         JobsFailed: several jobs failed; all others are finished.
     """

@@ -32,16 +32,16 @@ class Sequence:
 
     @property
     def measured(self) -> list[np.ndarray]:
-        """Measured states after each command, one array of shape (T, 2n) an episode."""
+        """Measured states after each command, one array of shape (T, 2n) per episode."""
         return [self.dataset.next_states[rows] for rows in self.dataset.episodes()]
 
     def errors(self, predictor: str) -> list[np.ndarray]:
-        """Return the RMS position error over joints [rad] at each step of each episode."""
+        """Return the RMS position error over joints [rad] at each step, one array of shape (T,) per episode."""
         joints, rollouts = len(self.dataset.joints), self.evaluation.rollouts[predictor]
         return [compute_joint_errors(one, other, joints) for one, other in zip(rollouts, self.measured, strict=True)]
 
     def picture(self, quick: bool) -> bytes:
-        """Draw the joint in the episode, and the predictors' errors below; a quick one says so."""
+        """Draw the joint in the episode, and the predictors' errors below; a quick run is marked as no result."""
         rows = self.dataset.episode(self.episode)
         commanded = self.dataset.kinds[self.joint] == POSITION
         figure = draw_trajectory(
@@ -56,7 +56,7 @@ class Sequence:
         return to_png(figure)
 
     def describe(self) -> dict[str, object]:
-        """Return the episode that is shown for JSON: positions [rad] of all joints, by predictor."""
+        """Return the drawn episode for JSON: positions [rad] of all joints, by predictor."""
         joints = len(self.dataset.joints)
         curves = {"measured": self.measured, **{name: self.evaluation.rollouts[name] for name in DRAWN}}
         return {
@@ -74,7 +74,7 @@ class Sequence:
 
 
 def predict_heldout(request: Request, environment: str) -> Sequence:
-    """Make the material that is needed, predict its held-out episodes in open loop, and choose one to be shown."""
+    """Build the required artifacts, predict the held-out episodes in open loop, and choose one to draw."""
     material = request.material(environment, NEEDS)
     dataset = read(material.heldout)
     request.report(f"rolling out {dataset.n_episodes} held-out episodes")

@@ -90,7 +90,7 @@ class Sizes:
         return replace(self, counts=counts or self.counts, trajectories=max((*counts, *self.counts)))
 
     def recipe(self, environment: str, dynamics: str, engine: str = "mujoco") -> Recipe:
-        """Return how an environment's target is recorded."""
+        """Return the recording recipe of an environment's target."""
         known = RECORDINGS.get(find_task_file(environment)) or RecordingSize(250, find_task(environment).horizon, 1, 20)
         count = self.trajectories or known.trajectories
         return Recipe(
@@ -104,7 +104,7 @@ class Sizes:
         )
 
     def phi(self, environment: str) -> TrainingOptions:
-        """Return how φ of an environment is trained."""
+        """Return the training options of an environment's φ."""
         return self.delta if self.quick else PHI.get(find_task_file(environment), self.delta)
 
     def sentence(self) -> str:
@@ -119,8 +119,8 @@ class Sizes:
         )
 
 
-# Twice the windows of the preset an update, six times its updates at twice its rate, no gradient that drowns the others
-# along a window, and the mean of the weights: policies ask much of φ. Patience is for a φ on good names, which has
+# Twice the windows of the preset per update, six times its updates at twice its rate, discounted gradients along a
+# window, and averaged weights, because policies need an accurate φ. Patience ends a φ on good names early, which has
 # nothing left to learn.
 LEARNING = preset(
     "fast",
@@ -151,7 +151,7 @@ FULL = Sizes(
     counts=(10, 25, 50, 100, 250, 500, 1000, 2000),
 )
 
-# Minutes: every stage works and every table and figure has its form, but networks and policies have hardly begun
+# A run of minutes: every stage, table and figure works, but networks and policies have hardly learned.
 QUICK = Sizes(
     name="quick",
     heldout=12,

@@ -55,11 +55,11 @@ def record(job: Job) -> StageResult:
         name: record_and_pair(recipe, source, name, job.folder, DATASETS)
         for name, recipe in ((TRAIN, plan.recipe), (HELDOUT, held))
     }
-    said = [
+    texts = [
         f"{count_of(one.episodes, 'episode')}, {count_of(one.frames, 'transition', ',')} → {job.folder / one.path}"
         for one in found.values()
     ]
-    return StageResult(said, {name: one.describe() for name, one in found.items()})
+    return StageResult(texts, {name: one.describe() for name, one in found.items()})
 
 
 def make_learner(kind: Kind, name: str, folder: str) -> Callable[[Job], StageResult]:
@@ -199,9 +199,9 @@ STAGES = {  # in parallel runs, stages with dependents come first, then the long
 
 def describe_stages(material: Artifacts) -> dict[str, object]:
     """Return cost, time and commit of each finished stage for JSON."""
-    told = ("seconds", "cpu_seconds", "when", "load", "commit")
+    keys = ("seconds", "cpu_seconds", "when", "load", "commit")
     found = {name: read_done(stage, material.folder) for name, stage in STAGES.items()}
-    return {name: {key: getattr(done, key) for key in told} for name, done in found.items() if done is not None}
+    return {name: {key: getattr(done, key) for key in keys} for name, done in found.items() if done is not None}
 
 
 def make_material(

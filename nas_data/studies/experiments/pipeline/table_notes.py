@@ -17,23 +17,23 @@ from nas_data.studies.experiments.pipeline.artifacts import METHODS, Artifacts
 def describe_target(material: Artifacts) -> str:
     """Return a sentence on the target of the artifacts."""
     plan = material.plan
-    said = describe_dynamics(plan.task, plan.recipe.dynamics, plan.source)
+    description = describe_dynamics(plan.task, plan.recipe.dynamics, plan.source)
     if plan.recipe.engine == "mujoco":
-        return said
-    return f"{said} The target is computed by {ENGINE_NAMES[plan.recipe.engine]}, the source by MuJoCo."
+        return description
+    return f"{description} The target is computed by {ENGINE_NAMES[plan.recipe.engine]}, the source by MuJoCo."
 
 
 def describe_dynamics(task: Task, dynamics: str, source: str = SOURCE) -> str:
     """Return a sentence on what a dynamics and its source add to the plain model.
 
     Raises:
-        UnknownName: the task has no such dynamics; lists those it has.
+        UnknownName: the task has no such dynamics; lists its dynamics.
     """
-    said = f"'{dynamics}' is the plain model with {list_effects(task, dynamics)}."
+    description = f"'{dynamics}' is the plain model with {list_effects(task, dynamics)}."
     return (
-        said
+        description
         if source == SOURCE
-        else f"{said} Its source '{source}' is the plain model with {list_effects(task, source)}."
+        else f"{description} Its source '{source}' is the plain model with {list_effects(task, source)}."
     )
 
 
@@ -42,8 +42,8 @@ def list_effects(task: Task, dynamics: str) -> str:
     joints: dict[str, list[str]] = {}
     for effect in task.effects(dynamics):
         joints.setdefault(format_effect(effect), []).append(effect.joint or "the arm")
-    said = [f"{words} in {', '.join(places)}" for words, places in joints.items()]
-    return "; ".join([*said, *format_edit(task.edits.get(dynamics))]) or "nothing added"
+    phrases = [f"{words} in {', '.join(places)}" for words, places in joints.items()]
+    return "; ".join([*phrases, *format_edit(task.edits.get(dynamics))]) or "nothing added"
 
 
 def format_effect(effect: Effect) -> str:
@@ -85,17 +85,17 @@ def list_notes(material: Artifacts, comparison: Comparison) -> list[str]:
     """Return the sentences below a table of methods."""
     stake = comparison.at_stake()
     nothing = None if stake is None else stake.sentence()
-    said = [describe_target(material)]
-    said += [nothing] if nothing else []
-    said += [WITHOUT_ENDS] if stake is None and {*comparison.study.methods} - {EXPERT_METHOD, SOURCE_METHOD} else []
-    said += [ONE_MATERIAL] if any(METHODS[method].needs for method in comparison.study.methods) else []
-    said += [*comparison.shared(), *describe_names_alone(material, comparison)]
-    said += [
+    notes = [describe_target(material)]
+    notes += [nothing] if nothing else []
+    notes += [WITHOUT_ENDS] if stake is None and {*comparison.study.methods} - {EXPERT_METHOD, SOURCE_METHOD} else []
+    notes += [ONE_MATERIAL] if any(METHODS[method].needs for method in comparison.study.methods) else []
+    notes += [*comparison.shared(), *describe_names_alone(material, comparison)]
+    notes += [
         describe_intervals(len(comparison.study.seeds)),
         *describe_return_differences(comparison),
         *comparison.lost(),
     ]
-    return [sentence for sentence in said if sentence]
+    return [sentence for sentence in notes if sentence]
 
 
 def describe_names_alone(material: Artifacts, comparison: Comparison) -> Sequence[str]:
