@@ -44,7 +44,7 @@ def format_overview(prefix: str = "") -> str:
     if not prefix:
         lines += [f"nas_data {__version__}: record, pair, learn and name the gap between a simulator and a robot.", ""]
     lines += [f"  {name:<{width}}  {read_summary(path)}" for name, path in chosen.items()]
-    lines += ["", "Every command explains itself, with an example: nas COMMAND --help"]
+    lines += ["", "Help with an example: nas COMMAND --help"]
     return "\n".join(lines)
 
 
@@ -66,7 +66,7 @@ def load_command_class(name: str) -> "type[Command]":
     for value in vars(module).values():
         if isinstance(value, type) and issubclass(value, Command) and value.__module__ == module.__name__:
             return value
-    raise TypeError(f"{module.__name__} holds no Command")
+    raise TypeError(f"{module.__name__} defines no Command")
 
 
 def fail(message: str, as_json: bool) -> int:
@@ -82,7 +82,7 @@ def describe_refusal(error: OSError) -> str:
     reason = " ".join((error.strerror or str(error)).split())
     if error.filename is None:
         return f"A file could not be read or written: {reason}."
-    return f"{error.filename} could not be read or written: {reason[:1].lower()}{reason[1:]}; choose another place."
+    return f"{error.filename} could not be read or written: {reason[:1].lower()}{reason[1:]}; choose another path."
 
 
 def answer_unknown(arguments: Sequence[str]) -> int:
@@ -168,7 +168,7 @@ def run(name: str, rest: list[str]) -> int:
     except OSError as error:  # a full disk or a missing permission cannot be repaired here, only reported
         return fail(describe_refusal(error), command.json)
     except KeyboardInterrupt:
-        return fail("interrupted; what was finished is kept.", command.json) and 130
+        return fail("interrupted; finished work is kept.", command.json) and 130
     from nas_data.typed_json import make_finite
 
     text = json.dumps(make_finite(outcome.data), indent=2, allow_nan=False) if command.json else outcome.text

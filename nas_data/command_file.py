@@ -63,7 +63,7 @@ def read_commands(path: Path, names: Sequence[str]) -> list[np.ndarray]:
     labels = table[:, header.index(EPISODE)]
     starts = np.flatnonzero(np.concatenate([[True], labels[1:] != labels[:-1]]))
     if len(set(labels[starts])) < len(starts):
-        raise LogError(f"{path}: the rows of an episode are apart; sort the file by its '{EPISODE}' column.")
+        raise LogError(f"{path}: the rows of an episode are not contiguous; sort the file by its '{EPISODE}' column.")
     return np.split(commands, starts[1:])
 
 
@@ -80,7 +80,11 @@ def check_limits(
         outside = np.argwhere((commands < low - SLACK) | (commands > high + SLACK))
         if len(outside):
             step, joint = outside[0]
-            hint = "" if names[joint].endswith(".effort") or abs(commands[step, joint]) < 2 * math.pi else "; degrees?"
+            hint = (
+                ""
+                if names[joint].endswith(".effort") or abs(commands[step, joint]) < 2 * math.pi
+                else ("; is the file in degrees?")
+            )
             raise OptionError(
                 f"{path}, line {line + step}: {names[joint]} is {commands[step, joint]:g}, outside the robot's limits "
                 f"{low[joint]:g} … {high[joint]:g}{hint}"
@@ -93,7 +97,7 @@ def _check_columns(path: Path, header: Sequence[str], names: Sequence[str]) -> N
     unknown = [name for name in header if name not in names and name != EPISODE]
     if missing or unknown or len(set(header)) < len(header):
         raise JointMismatch(
-            f"{path} has the columns {', '.join(header)}; needed are {', '.join(names)} and, optionally, '{EPISODE}'."
+            f"{path} has the columns {', '.join(header)}; it needs {', '.join(names)} and, optionally, '{EPISODE}'."
         )
 
 

@@ -130,7 +130,9 @@ def find_judging_source(
         if model is None and learned is not None and learned.kind == "forward":
             return None
         if model is None and learned is not None and learned.folder is None:
-            raise ModelFileError('This φ keeps no source; give the one that it corrects: model="MODEL.xml".') from None
+            raise ModelFileError(
+                'This φ was saved without its source; give the model that it corrects: model="MODEL.xml".'
+            ) from None
         raise
 
 
@@ -141,9 +143,9 @@ def fit_plain(
     from nas_data.gap.plain_source import fit_plain_source
 
     if source.effects or source.engine != MUJOCO:
-        return {}, (f"no {PLAIN}: it is made of a plain model in MuJoCo",)
+        return {}, (f"no {PLAIN}: it needs a plain MuJoCo model as the source",)
     trained_on = learned.trained_on if learned else None
-    fitted, what = (trained_on, "what the model was trained on") if trained_on else (dataset, "these very episodes")
+    fitted, what = (trained_on, "the training data of the model") if trained_on else (dataset, "these same episodes")
     try:
         simulator = fit_plain_source(fitted, str(source.model), find_folder(fitted), say)
     except NasError as error:

@@ -130,7 +130,7 @@ def import_logs(
 def read_logs(request: ImportRequest) -> Imported:
     """Import as `import_logs`, and return the decisions as well."""
     if not request.logs:
-        raise OptionError("No log is given; say: nas import LOG… --map MAP.toml")
+        raise OptionError("No log is given; run: nas import LOG… --map MAP.toml")
     mapping, notes = find_map(request)
     if mapping is None:
         name = choose_dataset_name(request.logs)
@@ -171,7 +171,7 @@ def find_map(request: ImportRequest) -> tuple[Map | None, tuple[str, ...]]:
         return complete_map(mapping, request.logs, said)
     given = next((name for name in ("unit", "calibration", "rate", "uniform") if getattr(request, name)), None)
     if given:
-        raise OptionError(f"--{given} is for LeRobot datasets; say it in the map {request.map} instead.")
+        raise OptionError(f"--{given} is for LeRobot datasets; for logs, set it in the map {request.map}.")
     return mapping, ()
 
 
@@ -195,7 +195,7 @@ def choose_dataset_name(logs: Sequence[Path]) -> str:
         raise LogError(f"There is no log {absent}; give recorded files or folders, or a LeRobot dataset's folder.")
     check_dataset(logs[0])
     if len(logs) > 1:
-        raise OptionError("LeRobot datasets are imported one at a time; then join them: nas merge.")
+        raise OptionError("Import LeRobot datasets one at a time, then join them with nas merge.")
     return logs[0].resolve().name
 
 
@@ -206,4 +206,6 @@ def check_dataset(path: Path) -> None:
         OptionError: the path is no LeRobot dataset.
     """
     if not is_dataset(path):
-        raise OptionError(f"{path} is no LeRobot dataset; give --map, which says what a log's columns mean.")
+        raise OptionError(
+            f"{path} is not a LeRobot dataset; to import a log, give --map with the meaning of its columns."
+        )

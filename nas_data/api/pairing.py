@@ -129,7 +129,7 @@ def keep_source(
         check_kept(files, paired, engine)
     except NasError:
         return {}, (
-            "the source's colliding meshes touch something in these motions, and without their files it would "
-            f"predict otherwise: it is not kept, later commands need --model {model} again"
+            "the source is not stored with the dataset: its meshes collide in these motions, and their files cannot "
+            f"be stored with it; give --model {model} to later commands"
         )
     return files, remark

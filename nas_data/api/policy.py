@@ -61,7 +61,7 @@ def load_policy(
     policy = choose(Path(folder), seed)
     settings = policy.config.hyperparameters
     if settings is None:
-        raise CheckpointError(f"{folder} does not say how its policy was trained; train it again.")
+        raise CheckpointError(f"{folder} lacks the training configuration of its policy; train it again.")
     env = env or gymnasium.make(f"nas_data:{make_environment_id(find_task_file(policy.environment))}")
     check_spaces(policy, env)
     options = {"features_extractor_class": Normalise, "optimizer_kwargs": {"eps": 1e-5}}
@@ -98,9 +98,8 @@ def check_spaces(policy: Policy, env: gymnasium.Env[Array, Array] | VecEnv) -> N
     shapes = env.observation_space.shape, env.action_space.shape
     if shapes != ((wanted[0],), (wanted[1],)):
         raise JointMismatch(
-            f"The policy observes {count_of(wanted[0], 'number')} and gives {wanted[1]}; the environment has "
-            f"{shapes[0]} and "
-            f"{shapes[1]}. Give one of {policy.environment}."
+            f"The policy needs an observation of {count_of(wanted[0], 'number')} and an action of {wanted[1]}; the "
+            f"environment has {shapes[0]} and {shapes[1]}. Give a {policy.environment}."
         )
 
 
@@ -119,4 +118,6 @@ def fill(ppo: PPO, policy: Policy, folder: Path) -> None:
     try:
         ppo.policy.load_state_dict({**own, **held})
     except RuntimeError as error:
-        raise CheckpointError(f"{folder} holds other networks than its configuration says ({error}).") from None
+        raise CheckpointError(
+            f"{folder} has networks that do not match its configuration ({error}); train the policy again."
+        ) from None

@@ -96,7 +96,9 @@ def record(
         own |= {"actuators": actuators != "position", "start": start != "rest"}
         given = next((option for option, value in own.items() if value), None)
         if given:
-            raise OptionError(f"--{given} does not go with --env: the environment brings its own.")
+            raise OptionError(
+                f"--{given} cannot be combined with --env, because the environment defines it; leave --{given} out."
+            )
         task = find_task(env)
         body, built_in = task.body(dynamics)
         simulator = load_simulator(body, task.period, task.joints, built_in, engine)
@@ -137,7 +139,7 @@ def make_target(
     """
     rate = robot.rate if rate is None else rate
     if not 0 < rate <= FASTEST:
-        raise OptionError(f"--rate is {rate}; it must lie above 0 and up to {FASTEST:g} Hz.")
+        raise OptionError(f"--rate is {rate}; it must be above 0 and at most {FASTEST:g} Hz.")
     named = None if report is None else as_correction(report)
     added = [*(named.effects if named else ())]
     added += [parse_effect(effect) if isinstance(effect, str) else effect for effect in effects]

@@ -216,7 +216,7 @@ def find_training_source(
         if kind == "delta":
             reason = str(error).replace(str(kept_in[0]), str(find_name(dataset)))
             notes.append(
-                f"{reason} Without it, training is by teacher forcing alone, and open-loop errors cannot be told."
+                f"{reason} Without it, training uses teacher forcing only, and open-loop errors are not computed."
             )
         return None, {}
     if kind == "delta" and dataset.paired:

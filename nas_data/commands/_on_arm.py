@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from nas_data.commands.policy_evaluate import PolicyEvaluate
 
 FORWARD_KINEMATICS = (
-    "The tip whose distance to the goal counts is where the model has it in the measured pose (forward kinematics)."
+    "The tip position in the reward is computed from the measured pose (forward kinematics of the model)."
 )
 
 
@@ -97,7 +97,7 @@ class OnArm:
         wanted = len(plan.turns())
         if saved.scores:
             say(
-                f"{len(saved.scores)} of {count_of(wanted, 'episode')} are saved in {saved.growing.root}; going on "
+                f"{len(saved.scores)} of {count_of(wanted, 'episode')} are saved in {saved.growing.root}; continuing "
                 "with the next."
             )
         try:
@@ -124,7 +124,9 @@ class OnArm:
         """Open the ports; the stack closes them and terminates virtual arms."""
         ports = [name for name in (self.port, self.options.defender_port) if name]
         if self.port == self.options.defender_port != VIRTUAL:
-            raise OptionError(f"Both arms are said to be on {self.port}; each needs an adapter of its own.")
+            raise OptionError(
+                f"--port and --defender-port are both {self.port}; give each arm the port of its own adapter."
+            )
         setups = [self._setup(name, own, task, stack) for name, own in zip(ports, self.ids, strict=False)]
         clock = SteppedClock() if self.options.lockstep else MonotonicClock()
         defender = setups[1] if len(setups) > 1 else None
@@ -192,7 +194,10 @@ class OnArm:
         self, plan: EvaluationPlan, environment: str, scores: list[Returns], tally: RolloutTally, path: Path | None
     ) -> CommandResult:
         groups = plan.groups(scores)
-        lines = [f"{environment} on {self.port}, {count_of(self.options.episodes, 'episode')} a policy, mean actions:"]
+        lines = [
+            f"{environment} on {self.port}, {count_of(self.options.episodes, 'episode')} per policy, "
+            "deterministic actions:"
+        ]
         lines += [format_policy_table(groups, {}), self._describe_rewards(), describe_tally(tally)]
         lines += [f"{count_of(len(scores), 'episode')} → {path}"] if path else []
         returns, count = [float(score.returns[0]) for score in scores], self.options.episodes
@@ -214,18 +219,22 @@ class OnArm:
         if not self.options.defender_port:
             return FORWARD_KINEMATICS
         if self.hits != SIMULATED:
-            return f"Hits are what {self.hits} said."
-        missed = f"; {self.options.missed:.1%} of them are missed" if self.options.missed else ""
-        return f"Hits are told by where the model has sword and shield in the measured poses{missed}."
+            return f"Hits are read from {self.hits}."
+        missed = f"; {self.options.missed:.1%} of them count as not detected" if self.options.missed else ""
+        return (
+            f"Hits are computed from the measured poses of sword and shield (forward kinematics of the model){missed}."
+        )
 
 
 def describe_tally(tally: RolloutTally) -> str:
     """Return the statistics as text."""
-    sittings = f" All in {tally.sittings} sittings." if tally.sittings > 1 else ""
+    sittings = f" Recorded in {tally.sittings} sessions." if tally.sittings > 1 else ""
     return (
-        f"{tally.late} of {count_of(tally.steps, 'reading')} came late, {tally.missed} of them by more than a period; "
-        f"{tally.held_back} commands would have led into a touch and were not sent; "
-        f"{tally.retries} readings were tried again, {tally.unheard} times after a servo had gone unheard.{sittings}"
+        f"{tally.late} of {count_of(tally.steps, 'reading')} were late, {tally.missed} of them by more than a control "
+        "period; "
+        f"{tally.held_back} commands were not sent, because they would have led to contact; "
+        f"{tally.retries} readings needed more than one attempt, and {tally.unheard} transactions were repeated "
+        f"because a servo did not answer.{sittings}"
     )
 
 

@@ -109,7 +109,9 @@ class RecordArm(Command):
             if not self.finish:
                 self._record(growing, protocol, step)
             elif not growing.episodes:
-                raise OptionError(f"Nothing is saved in {growing.root} that could be finished; record first.")
+                raise OptionError(
+                    f"There are no saved episodes in {growing.root}; record some before you use --finish."
+                )
             return self._finish(growing, name)
 
     def _record(self, growing: "IncrementalWriter", protocol: "PlaybackProtocol", step: float) -> None:
@@ -179,11 +181,11 @@ class RecordArm(Command):
 
         check_amount(self.episodes, self.seconds, LONGEST)
         if not 0 < self.rate <= self.FASTEST:
-            raise OptionError(f"--rate is {self.rate}; it must lie above 0 and up to {self.FASTEST:g} Hz.")
+            raise OptionError(f"--rate is {self.rate}; it must be above 0 and at most {self.FASTEST:g} Hz.")
         if not COOLEST <= self.hot <= SHUTDOWN - 1:
             raise OptionError(
-                f"--hot is {self.hot:g}; it must lie in {COOLEST:g} … {SHUTDOWN - 1:g} °C, "
-                f"for servos shut down at {SHUTDOWN:g}."
+                f"--hot is {self.hot:g}; it must be in {COOLEST:g} … {SHUTDOWN - 1:g} °C, because servos shut down at "
+                f"{SHUTDOWN:g} °C."
             )
         return PlaybackProtocol(
             excitation=parse(self.excitation),

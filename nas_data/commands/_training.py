@@ -76,7 +76,7 @@ class Train(TakesModel):
             device=self.device,
             episodes=self.episodes,
             progress=say,
-            count=Counting("rolling out what was held out"),
+            count=Counting("rolling out held-out episodes"),
         )
         learned = train(Dataset.load(root, self.episodes), request)
         evaluation = learned.held_out

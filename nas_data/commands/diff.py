@@ -59,7 +59,7 @@ def describe_content(found: "Difference") -> Iterator[str]:
         yield f"  rate: {found.rates[0]:g} Hz in A, {found.rates[1]:g} Hz in B"
     if found.robots:
         yield f"  robot: {found.robots[0]} in A, {found.robots[1]} in B"
-    moved = f", {found.moved} of them at another place" if found.moved else ""
+    moved = f", {found.moved} of them at another position" if found.moved else ""
     yield f"  episodes: {found.counts[0]} in A, {found.counts[1]} in B; {found.equal_episodes} equal{moved}"
     for side, episodes in zip("AB", found.unmatched, strict=True):
         if episodes:

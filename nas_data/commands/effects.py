@@ -49,12 +49,12 @@ def summarise_effect(kind: "type[Effect]", width: int) -> str:
 
 def describe_effect(kind: "type[Effect]") -> Iterator[str]:
     """Yield the full description of an effect, line by line."""
-    beyond = "in a form of its own; where that does not fit the joint, the nearest effect that fits"
+    beyond = "with elements of its own; where these do not fit the joint, as the nearest effect that does"
     entries = {
         "equation": kind.equation,
         **{parameter.name: describe_bounds(parameter) for parameter in kind.parameters},
-        "shows as": kind.signature,
-        "confused with": ", ".join(kind.confused_with) or "nothing that is known",
+        "signature": kind.signature,
+        "confused with": ", ".join(kind.confused_with) or "none known",
         "in model.xml": "yes" if kind.in_model else beyond,
         "source": kind.source,
     }

@@ -45,7 +45,7 @@ class GapAdd(TakesModel):
         from nas_data.joint_units import find_display_unit
 
         check_model(self.out, self.model)
-        with report_heartbeat("writing and judging the model"):
+        with report_heartbeat("writing and evaluating the model"):
             problem = Problem.load(self.dataset, self.actuated(self.model))
             named = ModelCorrection.read(self.effects)
             final = FinalFit(named.effects, named.retuned, ())
@@ -58,8 +58,8 @@ class GapAdd(TakesModel):
             if errors is not None and (unit := find_display_unit(errors.unit))
         )
         text = (
-            f"Open-loop position error on {len(problem.held.evidence)} held-out episodes: {shown}, "
-            f"from the written file.\n{outcome.model}"
+            f"Open-loop position error on {len(problem.held.evidence)} held-out episodes: {shown}, computed with the "
+            f"written file.\n{outcome.model}"
         )
         data: dict[str, object] = {"model": outcome.model, "before": found.before, "after": found.after}
         if self.export is not None:

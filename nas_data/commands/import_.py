@@ -94,8 +94,8 @@ def _format_result(result: "Import", root: Path) -> str:
         f"{dataset.robot_type}: {count_of(dataset.n_episodes, 'episode')}, {count_of(dataset.n_frames, 'transition')} "
         f"at {dataset.fps:g} Hz "
         f"({minutes:.1f} min), joints {', '.join(dataset.joints)}.",
-        *(_format_findings(result.findings) or ["The audits found nothing."]),
-        f"The dataset lies in {root}",
+        *(_format_findings(result.findings) or ["The audits found no problem."]),
+        f"The dataset is in {root}",
     ]
     return "\n".join(lines)
 

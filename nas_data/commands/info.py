@@ -29,7 +29,7 @@ class Info(Command):
         from nas_data.dataset.summary import summarize
 
         if self.dataset.is_file():
-            raise DatasetNotFound(f"{self.dataset} is a file, no dataset; give a dataset's folder or datasets/NAME.")
+            raise DatasetNotFound(f"{self.dataset} is a file, not a dataset; give a dataset's folder or datasets/NAME.")
         summary = summarize(self.dataset)
         lines = [*describe_recording(summary), *describe_features(summary), *describe_provenance(summary)]
         return CommandResult("\n".join(lines), summary.to_json())
@@ -58,7 +58,7 @@ def describe_features(summary: "DatasetSummary") -> Iterator[str]:
         units = ", ".join(dict.fromkeys(feature.units)) or "no unit stored"
         yield f"  {key}: {feature.width} × {feature.dtype} [{units}]"
     for key, kind in summary.carried.items():
-        yield f"  {key}: {kind}, carried along"
+        yield f"  {key}: {kind}, kept unchanged"
     yield "ranges"
     for key, ranges in summary.ranges.items():
         for name, (low, high) in ranges.items():
@@ -83,6 +83,6 @@ def describe_provenance(summary: "DatasetSummary") -> Iterator[str]:
 def describe_pairing(summary: "DatasetSummary") -> str:
     """Describe whether the dataset is paired, and with which source."""
     if not summary.paired:
-        return "no (nas pair adds what a source model predicts)"
+        return "no (nas pair adds the predictions of a source model)"
     words = [f"{key} {value}" for key, value in (summary.source or {}).items() if isinstance(value, str)]
     return f"yes, with {', '.join(words) or 'an unknown source'}"

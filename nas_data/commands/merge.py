@@ -37,7 +37,7 @@ class Merge(Command):
         from nas_data.dataset.versions import check_name, save
 
         if not self.datasets:
-            raise OptionError("No dataset is given; say: nas merge DATASET DATASET…")
+            raise OptionError("No dataset is given; run: nas merge DATASET DATASET…")
         if self.out is not None:
             refuse_existing(self.out)
         if self.name is not None:

@@ -59,7 +59,9 @@ class PolicyCompare(Command):
         if len(set(self.seed)) < len(self.seed):
             raise OptionError(f"--seed {' '.join(map(str, self.seed))}: give different numbers, 0 or more.")
         if self.delta_named and not self.effects:
-            raise OptionError("--delta-named corrects a source with named effects; say which: --effects DIR.")
+            raise OptionError(
+                "--delta-named corrects a source with named effects; give these effects as well: --effects DIR."
+            )
         target = DynamicsSpec(self.env, self.dynamics, engine=self.engine)
         methods = {EXPERT_METHOD: target, SOURCE_METHOD: DynamicsSpec(self.env)}
         for name, checkpoint in (("nas", self.delta), ("forward", self.forward)):
@@ -75,6 +77,6 @@ class PolicyCompare(Command):
         result.write_text(json.dumps(make_finite(found.describe()), indent=1, allow_nan=False), encoding="utf-8")
         head = (
             f"{self.env} with dynamics '{self.dynamics}', {count_of(self.frames, 'frame', ',')}, "
-            f"{count_of(self.episodes, 'episode')} a policy:"
+            f"{count_of(self.episodes, 'episode')} per policy:"
         )
         return CommandResult(f"{head}\n{found.table()}\n→ {result}", {"result": result, **found.describe()})

@@ -70,13 +70,13 @@ class PolicyEvaluate(Command):
         if not self.policies:
             raise OptionError("Name at least one policy's folder; see: nas policy evaluate --help.")
         if self.episodes < 1:
-            raise OptionError(f"{self.episodes} episodes cannot be judged; give --episodes 1 or more.")
+            raise OptionError(f"--episodes is {self.episodes}; it must be 1 or more.")
         if (self.on == "named") != (self.effects is not None):
             needed = "needs --effects DIR, a gap report" if self.on == "named" else "takes no --effects"
-            raise OptionError(f"Judging on '{self.on}' {needed}; see: nas policy evaluate --help.")
+            raise OptionError(f"Evaluation on '{self.on}' {needed}; see: nas policy evaluate --help.")
         if (self.on == "ergojr") != (self.port is not None):
             needed = "needs --port PORT" if self.on == "ergojr" else "takes no --port"
-            raise OptionError(f"Judging on '{self.on}' {needed}; see: nas policy evaluate --help.")
+            raise OptionError(f"Evaluation on '{self.on}' {needed}; see: nas policy evaluate --help.")
         self._check_unused()
         return self._on_arm(self.port) if self.port else self._evaluate_in_simulation()
 
@@ -93,7 +93,7 @@ class PolicyEvaluate(Command):
         simulations = {"--engine": self.engine != "mujoco", "--dynamics": self.dynamics != "backlash"}
         unused = [option for option, given in (simulations if self.port else arms).items() if given]
         if unused:
-            raise OptionError(f"Judging on '{self.on}' takes no {unused[0]}; see: nas policy evaluate --help.")
+            raise OptionError(f"Evaluation on '{self.on}' takes no {unused[0]}; see: nas policy evaluate --help.")
 
     def _evaluate_in_simulation(self) -> CommandResult:
         from nas_data.envs.base import SOURCE
@@ -110,7 +110,7 @@ class PolicyEvaluate(Command):
         baselines = score_baselines(plant, self.episodes, stepper)
         named = f" and the effects of {effects}" if effects else ""
         head = f"{plant.environment} with dynamics '{plant.dynamics}'{named}"
-        what = f"{head}, {count_of(self.episodes, 'episode')} a policy, mean actions:"
+        what = f"{head}, {count_of(self.episodes, 'episode')} per policy, deterministic actions:"
         data = {
             "environment": plant.environment,
             "dynamics": plant.dynamics,
@@ -127,10 +127,10 @@ class PolicyEvaluate(Command):
         from nas_data.commands._on_arm import OnArm
 
         if self.finish and not self.record:
-            raise OptionError("--finish needs --record NAME, what is to be finished.")
+            raise OptionError("--finish needs --record NAME, the recording to finish.")
         if not self.largest_step > 0:
             raise OptionError(f"--largest-step is {self.largest_step}; it must be above zero.")
         virtual = {name for name in (port, self.defender_port) if name == "virtual"}
         if self.hits is None and self.defender_port and not virtual:
-            raise OptionError("Say where hits are read: --hits /dev/input/by-id/…-event-kbd, or --hits simulated.")
+            raise OptionError("Give the source of the hits: --hits /dev/input/by-id/…-event-kbd, or --hits simulated.")
         return OnArm(self, port).run()

@@ -69,7 +69,7 @@ class PolicyTrain(Command):
             )
         headers = ("seed", "frames", "return", "success", "frames/s", "policy")
         text = [
-            f"Trained in {self.env}, {what}; return and success while exploring, in the last rollout:",
+            f"Trained in {self.env}, {what}; return and success with exploration, in the last rollout:",
             format_table(headers, [rows[number] for number in sorted(rows)]),
             f"Next: nas policy evaluate {folder}",
         ]

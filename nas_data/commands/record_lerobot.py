@@ -116,7 +116,9 @@ class RecordLerobot(RecordArm):
     def _port(self) -> str:
         port = self.port or self.robot.port
         if not port:
-            raise OptionError(f"On which port is the arm? Give --robot.port PORT, or --port {VIRTUAL} to try it.")
+            raise OptionError(
+                f"No port is given; give the arm's port, --robot.port PORT, or --port {VIRTUAL} for a simulated arm."
+            )
         return port
 
     def _make_request(self) -> "RobotRequest":

@@ -73,8 +73,8 @@ def describe_rescue(rescue: "Rescue", folder: Path | None) -> list[str]:
     """Describe what was rescued and what was lost."""
     if folder is None or rescue.derived is None:
         return [
-            f"{rescue.root} is whole: {count_of(len(rescue.kept), 'episode')}; nothing to rescue (nas verify checks "
-            "the rest)."
+            f"{rescue.root} is complete: {count_of(len(rescue.kept), 'episode')}; there is nothing to rescue. To check "
+            "values and metadata: nas verify."
         ]
     dataset = rescue.derived.dataset
     kept = count_of(dataset.n_episodes, "episode")
@@ -84,7 +84,7 @@ def describe_rescue(rescue: "Rescue", folder: Path | None) -> list[str]:
         f"{kept}, {count_of(dataset.n_frames, 'frame')} rescued from {rescue.root} → {folder}",
         *(f"  {report}" for report in rescue.reports),
         *(
-            [f"  {count_of(len(rescue.left), 'whole episode')} behind a lost one: --beyond rescues more"]
+            [f"  {count_of(len(rescue.left), 'complete episode')} after a lost one: --beyond rescues them too"]
             * bool(rescue.left)
         ),
     ]

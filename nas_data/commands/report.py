@@ -37,7 +37,7 @@ class Report(Command):
         from nas_data.reports.page import HtmlPage, PageSection, is_ours
 
         if self.out.is_dir() or (self.out.exists() and not is_ours(self.out)):
-            raise OutputExists(f"{self.out} exists and is no page of ours; choose another --out.")
+            raise OutputExists(f"{self.out} exists and was not written by nas report; choose another --out.")
         pages, counts = self.pages()
         page = pages[0]
         if len(pages) > 1:

@@ -56,7 +56,8 @@ class RobotErgojr(Command):
         joints = make_ergojr_joints()
         if self.calibrate and path is None:
             raise OptionError(
-                "The zeros of a virtual arm are not those of yours; say where to keep them: --calibration FILE."
+                "The zeros of a virtual arm must not replace those of your arm; give another file for them: "
+                "--calibration FILE."
             )
         if path and not self.calibrate:
             joints = find_joints(joints, NAME, self.id, self.calibration)
@@ -103,9 +104,9 @@ class RobotErgojr(Command):
 
         old, _, new = text.partition(":")
         if not (old.isdecimal() and new.isdecimal() and int(old) <= 252 and int(new) <= 252):
-            raise OptionError(f"--rename is '{text}'; write OLD:NEW with identities in 0 … 252.")
+            raise OptionError(f"--rename is '{text}'; write OLD:NEW with IDs in 0 … 252.")
         if arm.bus.ping(int(new)):
-            raise OptionError(f"A servo already answers as {new}; unplug it, or choose another identity.")
+            raise OptionError(f"A servo with ID {new} already answers; unplug it, or choose another ID.")
         refuse_duplicates(arm.bus, [int(old)])
         arm.bus.rename(int(old), int(new))
 

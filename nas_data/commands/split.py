@@ -49,8 +49,8 @@ class Split(Command):
             return self._cut(self.seconds)
         if (self.episodes is None) == (self.share is None) or self.seconds is not None or self.name is not None:
             raise OptionError(
-                "Give either --episodes 0,1,2 or --share 0.8, with --names, to say how to divide the dataset, or "
-                "--seconds 3, with --name, to cut its episodes."
+                "Give --episodes 0,1,2 or --share 0.8 (with --names) to divide the dataset, or --seconds 3 (with "
+                "--name) to cut its episodes."
             )
         original = Original.read(self.dataset)
         if self.episodes is not None:

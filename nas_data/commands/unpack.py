@@ -33,7 +33,7 @@ class Unpack(Command):
             dataset = read(root)
         return CommandResult(
             f"{count_of(dataset.n_episodes, 'episode')}, {count_of(dataset.n_frames, 'frame')} of "
-            f"{dataset.robot_type}, hashes right → {root}",
+            f"{dataset.robot_type}, hashes correct → {root}",
             {
                 "dataset": root,
                 "content_hash": hash_content(dataset),

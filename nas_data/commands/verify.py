@@ -28,7 +28,7 @@ class Verify(Command):
 
         root = resolve(self.dataset)
         findings = examine(root)
-        verdict = "is sound" if not findings.problems else f"has {count_of(len(findings.problems), 'problem')}"
+        verdict = "is valid" if not findings.problems else f"has {count_of(len(findings.problems), 'problem')}"
         lines = [
             f"{root} {verdict}.",
             *(f"  problem: {problem}" for problem in findings.problems),

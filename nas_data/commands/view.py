@@ -21,7 +21,7 @@ class View(ShowsEpisode):
     def run(self) -> CommandResult:
         """Simulate and log."""
         if self.out is not None and self.out.suffix != ".rrd":
-            raise OptionError(f"--out {self.out} must end in .rrd, by which Rerun knows its recordings.")
+            raise OptionError(f"--out {self.out} must end in .rrd, the suffix of Rerun's recordings.")
         if self.out is not None and self.out.exists():
             raise OutputExists(f"{self.out} exists; choose another --out.")
         from nas_data.reports.films.rerun_log import RerunLog

@@ -271,7 +271,7 @@ def test_logs_come_by_a_map(tmp_path):
     np.testing.assert_allclose(made.states[:50, 0], 0.5 * np.sin(seconds[:50]), atol=1e-6)
     saved = made.save(tmp_path / "arm")
     assert (saved / "meta/import_map.toml").read_text() == (tmp_path / "map.toml").read_text()
-    with pytest.raises(OptionError, match="no LeRobot dataset"):
+    with pytest.raises(OptionError, match="not a LeRobot dataset"):
         nas.import_logs(tmp_path / "log.csv")
 
 
@@ -364,7 +364,7 @@ def test_a_report_is_drawn_and_unknown_joints_are_refused(page):
 
 def test_a_report_replaces_no_strangers_files(page, tmp_path):
     (tmp_path / "model.xml").write_text("<mujoco/>")
-    with pytest.raises(nas.NasError, match="no gap report wrote"):
+    with pytest.raises(nas.NasError, match="not a file of a gap report"):
         page["report"].save(tmp_path)
 
 
@@ -399,7 +399,7 @@ def test_models_are_judged_beside_what_needs_no_learning(page):
     errors = page["errors"]
     assert set(errors.open_loop) == set(errors.one_step) == names
     assert errors.open_loop["plain fit"].overall < errors.open_loop["source"].overall
-    assert "fitted to what the model was trained on" in str(errors)
+    assert "fitted to the training data of the model" in str(errors)
 
 
 def test_models_say_how_they_were_trained_and_are_saved(page, ds, arm):
