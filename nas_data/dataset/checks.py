@@ -30,7 +30,8 @@ def check_finite(dataset: Dataset, where: str) -> None:
         episode = int(np.searchsorted(dataset.starts, row, side="right")) - 1
         raise DatasetInvalid(
             f"{where}: the feature '{key}' ({dataset.features[key].names[component]}) is {column[row, component]} "
-            f"in episode {episode}, frame {row - int(dataset.starts[episode])}; drop that episode or repair its source."
+            f"in episode {episode}, frame {row - int(dataset.starts[episode])}; drop that episode, or repair the data "
+            "that it was made from."
         )
 
 

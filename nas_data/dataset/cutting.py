@@ -39,7 +39,7 @@ def cut_every(dataset: Dataset, seconds: float) -> Dataset:
     size = round(seconds * dataset.fps)
     if not np.isfinite(seconds) or size < SHORTEST:
         raise OptionError(
-            f"Stretches of {seconds:g} s have {count_of(max(size, 0), 'frame')} at {dataset.fps:g} Hz; give at least "
+            f"Segments of {seconds:g} s have {count_of(max(size, 0), 'frame')} at {dataset.fps:g} Hz; give at least "
             f"{SHORTEST / dataset.fps:.2g} s."
         )
     starts = [
@@ -48,7 +48,8 @@ def cut_every(dataset: Dataset, seconds: float) -> Dataset:
     if not starts:
         most = int(dataset.lengths.max())
         raise OptionError(
-            f"No episode is as long as two parts of {seconds:g} s; the longest has {most / dataset.fps:.4g} s: give at "
+            f"No episode is long enough for two segments of {seconds:g} s; the longest has {most / dataset.fps:.4g} s: "
+            "give at "
             f"most {most // 2 / dataset.fps:.4g} s."
         )
     return cut_at(dataset, starts)

@@ -58,8 +58,8 @@ class Original:
         """Yield a sentence on each loss or doubt in datasets made from it."""
         if self.provenance is None:
             yield (
-                f"{self.root} has no provenance (LeRobot wrote it, or LeRobot's tools made it): "
-                "where it comes from is unknown, its content hash is recorded from here on."
+                f"{self.root} has no provenance (LeRobot wrote it, or LeRobot's tools made it): its origin is unknown; "
+                "its content hash is recorded from now on."
             )
         elif self.provenance.content_hash != self.parent.content_hash:
             yield (

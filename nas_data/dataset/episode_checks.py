@@ -90,7 +90,7 @@ def _find_wrong_lengths(found: ReadableRows, known: Mapping[int, EpisodeEntry]) 
     """Find episodes whose number of frames differs from `meta/episodes`."""
     for episode, length in zip(found.episodes.tolist(), found.lengths.tolist(), strict=True):
         if episode in known and known[episode].length != length:
-            yield episode, f"has {count_of(length, 'frame')}, meta/episodes promises {known[episode].length}"
+            yield episode, f"has {count_of(length, 'frame')}, but meta/episodes lists {known[episode].length}"
 
 
 def _find_wrong_values(found: ReadableRows, known: Mapping[int, EpisodeEntry]) -> Iterator[tuple[int, str]]:
@@ -107,7 +107,7 @@ def _find_wrong_values(found: ReadableRows, known: Mapping[int, EpisodeEntry]) -
         }
         for row, episode in enumerate(found.episodes.tolist()):
             if episode in known and not _is_consistent(key, known[episode].statistics, measured, row):
-                yield episode, f"has other values of '{key}' than when its statistics were made"
+                yield episode, f"has values of '{key}' that do not match its stored statistics"
 
 
 def _is_consistent(key: str, recorded: Mapping[str, np.ndarray], measured: Mapping[str, np.ndarray], row: int) -> bool:

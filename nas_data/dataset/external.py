@@ -66,15 +66,15 @@ def refuse(root: Path, findings: Sequence[AuditFinding], dataset: Dataset) -> No
     if error.check == "rate":
         median = error.what.partition(" come at ")[2].partition(" Hz")[0]
         remedy = (
-            f"if they are right, import it at their rate (nas import {where} --rate {median}), if the dataset's rate "
-            f"is, without them (nas import {where} --uniform)"
+            f"if these times are right, import it at their rate (nas import {where} --rate {median}); if the dataset's "
+            f"fps is right, ignore the times (nas import {where} --uniform)"
         )
     elif error.check == "time_gap":
         remedy = f"nas import {where} divides the episodes there"
     elif error.check in ("time_backwards", "repeated_time"):
-        remedy = f"import it without its time stamps: nas import {where} --uniform"
+        remedy = f"import it and ignore its time stamps: nas import {where} --uniform"
     elif error.check == "not_finite":
-        remedy = "take these rows out"
+        remedy = "remove these rows"
     else:
         remedy = import_command(root, dataset)
     raise DatasetInvalid(f"{root}: in {error.file} {error.what}; {remedy}.")

@@ -37,7 +37,9 @@ class FilmedSource(PassthroughSource):
         super().__init__(root)
         info = DatasetInfo.read(root)
         if episodes.tolist() != list(range(len(episodes))):
-            raise DatasetInvalid("meta/episodes does not say where its pictures lie, and rows before them are lost")
+            raise DatasetInvalid(
+                "meta/episodes does not give the position of its video frames, and earlier rows are lost"
+            )
         self._indices = np.repeat(episodes, lengths)
         entries: dict[int, dict[str, object]] = {
             int(episode): {"length": int(length)} for episode, length in zip(episodes, lengths, strict=True)
@@ -75,8 +77,8 @@ def locate_episodes(root: Path, key: str, template: str, lengths: Sequence[int],
             count = count_frames(path)
         if begin + length > count:
             raise DatasetInvalid(
-                f"{path.relative_to(root)} has {count_of(count, 'picture')}, so that those of episode {episode} are "
-                "not all there"
+                f"{path.relative_to(root)} has {count_of(count, 'frame')}, which do not include all of episode "
+                f"{episode}"
             )
         yield place
         begin += length
@@ -98,7 +100,7 @@ def count_frames(path: Path) -> int:
                 return int(container.streams.video[0].frames)
     except (av.FFmpegError, LookupError):  # it holds no video
         pass
-    raise DatasetInvalid(f"{path.name} is not a whole video")
+    raise DatasetInvalid(f"{path.name} is not a complete video file")
 
 
 def is_whole(path: Path) -> bool:

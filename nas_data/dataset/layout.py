@@ -59,5 +59,5 @@ def read_json(path: Path) -> dict[str, object]:
     except (OSError, ValueError) as error:
         raise DatasetInvalid(f"{path} cannot be read as JSON ({error}); restore it from a copy.") from None
     if not isinstance(content, dict):
-        raise DatasetInvalid(f"{path} holds no JSON object; restore it from a copy.")
+        raise DatasetInvalid(f"{path} does not contain a JSON object; restore it from a copy.")
     return content

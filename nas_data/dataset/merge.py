@@ -92,7 +92,10 @@ def list_merge_warnings(originals: Sequence[Original]) -> Iterator[str]:
     hashes = [found for original in originals for found in hash_episodes(original.dataset, sorted(kept))]
     repeated = len(hashes) - len(set(hashes))
     if repeated:
-        yield f"It holds {count_of(repeated, 'episode')} more than once: a split of it may hold one on both sides."
+        yield (
+            f"It holds {count_of(repeated, 'episode')} more than once: a split may put copies of an episode into "
+            "both parts."
+        )
 
 
 def check_alike(a: Original, b: Original) -> None:
@@ -147,14 +150,17 @@ def _check_features(a: Original, b: Original) -> None:
         missing = [key for key in rich.dataset.features if key not in poor.dataset.features]
         if missing:
             remedy = (
-                "pair both with the same model (nas pair)" if SIM_STATE in missing else "record or import both alike"
+                "pair both with the same model (nas pair)"
+                if SIM_STATE in missing
+                else "record or import both in the same way"
             )
             raise DatasetInvalid(f"{poor.root} lacks '{missing[0]}', which {rich.root} has; {remedy} to merge them.")
     for key, feature in a.dataset.features.items():
         other = b.dataset.features[key]
         if feature != other:
             raise DatasetInvalid(
-                f"'{key}' {_describe_difference(feature, other, a.root, b.root)}; record or import both alike to merge "
+                f"'{key}' {_describe_difference(feature, other, a.root, b.root)}; record or import both in the same "
+                "way to merge "
                 "them."
             )
 

@@ -48,9 +48,9 @@ CommandKind = Literal["position", "velocity", "torque"]
 Episodes = Array | Sequence[Array]
 KINDS: Mapping[str, str] = {"position": POSITION, "velocity": VELOCITY, "torque": EFFORT}
 REMEDIES = {
-    "unit_slip": "give radians and metres, numpy.radians(positions), or turns=True where a joint does go so far",
+    "unit_slip": "give radians and metres, numpy.radians(positions), or pass turns=True if a joint does turn that far",
 }
-TO_SI = "convert the columns first, numpy.radians(states), and give the features the units of what they hold"
+TO_SI = "convert the columns first, numpy.radians(states), and set the units of the features to match"
 EDITED = "edited in Python"
 
 

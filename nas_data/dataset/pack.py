@@ -65,7 +65,7 @@ class Manifest:
         try:
             manifest = cls(**values)
         except TypeError:
-            raise ValueError(f"its {MANIFEST} has other entries than it should") from None
+            raise ValueError(f"its {MANIFEST} has missing or unexpected entries") from None
         kinds = (manifest.name, str), (manifest.number, int), (manifest.content_hash, str), (manifest.files, dict)
         if not all(isinstance(value, kind) for value, kind in kinds):
             raise ValueError(f"its {MANIFEST} has entries of the wrong kind")
@@ -126,7 +126,7 @@ def hash_files(root: Path) -> dict[str, str]:
         if path.is_symlink():
             raise DatasetInvalid(f"{path} is a link; a pack holds only files: put the file itself there.")
         if not is_plain(name.as_posix()):
-            raise DatasetInvalid(f"{path} has a name that not every system can hold; rename it.")
+            raise DatasetInvalid(f"{path} has a name that some file systems do not allow; rename it.")
         if path.is_file():
             found[name.as_posix()] = hashlib.sha256(path.read_bytes()).hexdigest()
     return found
@@ -144,7 +144,7 @@ def check_unchanged(root: Path, manifest: Manifest) -> None:
     if provenance.content_hash != manifest.content_hash:
         raise DatasetInvalid(
             f"{root} was changed after nas wrote it (its content hash differs from its provenance); "
-            "make a version of what it is now with 'nas merge' and pack that."
+            "make a new version of it with 'nas merge' and pack that."
         )
     for name, digest in sorted(provenance.files.items()):
         if manifest.files.get(name) != digest:

@@ -26,7 +26,7 @@ from nas_data.dataset.passthrough_source import PassthroughSource, take_rows
 from nas_data.dataset.videos import VIDEO, Clip
 from nas_data.errors import DatasetInvalid
 
-VIDEO_LEFT_OUT = "LeRobot finds pictures by the rate at which they were filmed, and the dataset has another now"
+VIDEO_LEFT_OUT = "LeRobot finds video frames by the rate of the video, and the dataset now has a different rate"
 
 
 @dataclass(frozen=True)

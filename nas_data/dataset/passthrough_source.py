@@ -102,7 +102,9 @@ class PassthroughSource:
         columns = VideoPlace.columns(key)
         if columns["chunk_index"] not in entry:
             table = self.root / "meta/episodes"
-            raise DatasetInvalid(f"{table} does not say where the pictures of episode {number} lie{self.remedy(key)}.")
+            raise DatasetInvalid(
+                f"{table} does not give the position of the video frames of episode {number}{self.remedy(key)}."
+            )
         place = VideoPlace(**{name: entry[column] for name, column in columns.items()})  # type: ignore[arg-type]  # as stored
         template = DatasetInfo.read(self.root).video_path or VIDEO_PATH
         start = place.from_timestamp + (row - self._find_first_row(number)) / fps

@@ -109,7 +109,9 @@ class Rows:
             table = read_parquet(path, list(features), file)
             for key, column in columns.items():
                 if key not in table.column_names:
-                    raise DatasetInvalid(f"{path} has no column '{key}', which {root / layout.INFO} promises.")
+                    raise DatasetInvalid(
+                        f"{path} has no column '{key}', which {root / layout.INFO} lists; restore it from a copy."
+                    )
                 _copy(table[key], column[start : start + len(table)], f"{path}, column '{key}'")
             start += len(table)
         return cls(columns)
@@ -138,7 +140,9 @@ def _copy(column: pa.ChunkedArray, out: np.ndarray, where: str) -> None:
     for chunk in filter(len, column.chunks):
         values = _flatten_lists(chunk) if _is_list(chunk.type) else chunk
         if not _is_number(values.type):
-            raise DatasetInvalid(f"{where} holds {column.type}, not the numbers that {layout.INFO} promises.")
+            raise DatasetInvalid(
+                f"{where} holds {column.type}, not numbers as {layout.INFO} defines; restore it from a copy."
+            )
         if chunk.null_count or values.null_count or len(values) != len(chunk) * out.shape[1]:
             raise DatasetInvalid(f"{where} holds missing values, or lists of another length than {out.shape[1]}.")
         out[row : row + len(chunk)] = _view(values).reshape(len(chunk), out.shape[1])
@@ -174,8 +178,8 @@ def _check_totals(root: Path, info: DatasetInfo, frames: int, episodes: int) -> 
     for what, promised, held in (("frames", info.total_frames, frames), ("episodes", info.total_episodes, episodes)):
         if promised != held:
             raise DatasetInvalid(
-                f"{root} is incomplete: {layout.INFO} promises {promised} {what}, the data files hold {held}; "
-                "rescue what is whole with 'nas recover', or restore the dataset from a copy."
+                f"{root} is incomplete: {layout.INFO} lists {promised} {what}, the data files contain {held}; rescue "
+                "the complete episodes with 'nas recover', or restore the dataset from a copy."
             )
 
 

@@ -80,7 +80,7 @@ class _Files:
         content = path.read_bytes()
         if recorded and hashlib.sha256(content).hexdigest() != recorded:
             self.notes.append(
-                f"{name} was changed after nas wrote it (its SHA-256 differs); its episodes were judged by their "
+                f"{name} was changed after nas wrote it (its SHA-256 differs); its episodes were checked against their "
                 "statistics"
             )
         try:
@@ -93,7 +93,9 @@ class _Files:
         """Return the rows of a file without footer."""
         whole, groups = rebuild_footer(content, *self.template)
         if not groups:
-            self.notes.append(f"{name} has no sound Parquet footer (its writer was killed?) and holds no whole episode")
+            self.notes.append(
+                f"{name} has no valid Parquet footer (was its writer killed?) and contains no complete episode"
+            )
             return None
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "mended.parquet"
@@ -101,7 +103,8 @@ class _Files:
             rows = self._rows(name, path)
         if rows is not None:
             self.notes.append(
-                f"{name} has no sound Parquet footer (its writer was killed?); it was made again from the pages"
+                f"{name} has no valid Parquet footer (was its writer killed?); the footer was rebuilt from the data "
+                "pages"
             )
         return rows
 

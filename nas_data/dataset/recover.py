@@ -60,18 +60,20 @@ def find_damaged(path: Path) -> Path:
         DatasetInvalid: it is being written now.
     """
     if STAGED.fullmatch(path.name) and path.is_dir() and path not in find_leftovers(path.parent):
-        raise DatasetInvalid(f"{path} is being written by a running process; wait for it, or end it first.")
+        raise DatasetInvalid(f"{path} is being written by a running process; wait until it ends, or end it first.")
     if any((path / name).is_dir() for name in ("meta", "data")) or (path.is_dir() and STAGED.fullmatch(path.name)):
         return path
     left = find_leftovers(path) if path.is_dir() else find_leftovers(path.parent, path.name)
     if len(left) > 1:
-        raise OptionError(f"Killed processes left several datasets there; give one of: {', '.join(map(str, left))}.")
+        raise OptionError(
+            f"Killed processes left several unfinished datasets there; give one of: {', '.join(map(str, left))}."
+        )
     if left:
         return left[0]
     versions = [item for item in path.iterdir() if VERSION.fullmatch(item.name)] if path.is_dir() else []
     if versions:
         return max(versions, key=lambda item: int(item.name[1:].partition("-")[0]))
-    raise DatasetNotFound(f"There is nothing to rescue at {path}: no dataset, nor what a killed process left of one.")
+    raise DatasetNotFound(f"There is nothing to rescue at {path}: neither a dataset nor an unfinished one.")
 
 
 def find_destination(root: Path) -> tuple[Path, str]:
@@ -111,7 +113,7 @@ def recover(root: Path, beyond: bool = False, like: Path | None = None) -> Rescu
     if not reports and not left and not STAGED.fullmatch(root.name):
         if _is_whole(root, provenance):
             return Rescue(root, None, promised, tuple(kept), (), ())
-        reports.append("the rows are whole, the metadata are not: they are made anew")
+        reports.append("the rows are complete, but the metadata are damaged; the metadata are written again")
     tasks = _recover_tasks(root, found, known)
     dataset = _build_dataset(info, found, kept, tasks)
     dataset = replace(dataset, frame_tasks=_recover_frame_tasks(root, found, kept))
@@ -119,9 +121,7 @@ def recover(root: Path, beyond: bool = False, like: Path | None = None) -> Rescu
     dataset, reports = replace(dataset, passthrough=passthrough), [*reports, *left_out]
     unknown = [episode for episode in kept if not tasks[episode]]
     if unknown:
-        reports.append(
-            f"what is done in {count_of(len(unknown), 'episode')} is not known: {_format_episode_range(unknown)}"
-        )
+        reports.append(f"the task of {count_of(len(unknown), 'episode')} is unknown: {_format_episode_range(unknown)}")
     derived = Derived(dataset, _make_provenance(root, provenance, dataset, kept), read_attachments(root, provenance))
     return Rescue(root, derived, promised, tuple(kept), tuple(left), tuple(reports))
 
@@ -137,7 +137,7 @@ def _find_info(root: Path, like: Path | None) -> DatasetInfo:
     except DatasetInvalid:
         raise DatasetInvalid(
             f"{root / layout.INFO} is missing or damaged, so the names, units and rate of the rows are not known; "
-            "give a dataset that was recorded alike with --like DATASET."
+            "give a dataset with the same names, units and rate: --like DATASET."
         ) from None
     return DatasetInfo.read(root)
 
@@ -147,7 +147,7 @@ def _try_read_provenance(root: Path) -> tuple[Provenance | None, list[str]]:
     try:
         return read_provenance(root), []
     except DatasetInvalid:
-        return None, [f"{layout.PROVENANCE} is damaged: where the dataset comes from is lost"]
+        return None, [f"{layout.PROVENANCE} is damaged: the origin of the dataset is lost"]
 
 
 def _describe_lost_episodes(found: ReadableRows, whole: Sequence[int], promised: int) -> list[str]:
@@ -157,11 +157,11 @@ def _describe_lost_episodes(found: ReadableRows, whole: Sequence[int], promised:
     missing = max(promised, max(whole, default=-1) + 1) - len(present)
     if missing > 0:
         first = next((index for index, episode in enumerate(present) if episode != index), len(present))
-        reports.append(f"of {count_of(missing, 'episode')} there are no rows, the first is {first}")
+        reports.append(f"the rows of {count_of(missing, 'episode')} are missing, first those of episode {first}")
     surplus = [episode for episode in whole if episode >= promised >= 0]
     if surplus:
         reports.append(
-            f"it leaves {count_of(len(surplus), 'episode')}, saved but not yet counted: "
+            f"it contains {count_of(len(surplus), 'episode')} that meta/info.json does not count: "
             f"{_format_episode_range(surplus)}"
         )
     return reports
@@ -175,8 +175,8 @@ def _explain_failure(root: Path, reports: Sequence[str], left: Sequence[int]) ->
     reasons = "; ".join(reports) or "it holds no rows (data/*/*.parquet)"
     if left:
         return (
-            f"The first episode of {root} is lost ({reasons}); after it the data hold "
-            f"{count_of(len(left), 'whole episode')}: add --beyond to rescue what follows under new numbers."
+            f"The first episode of {root} is lost ({reasons}); {count_of(len(left), 'complete episode')} after it can "
+            "be rescued: add --beyond, which gives new numbers."
         )
     return f"Nothing can be rescued from {root}: {reasons}."
 
@@ -230,7 +230,7 @@ def _recover_passthrough(
     if not keys:
         return None, []
     lost = describe_left_out({key: info.features[key] for key in keys}, reason)
-    return None, [f"{lost}; what there is of it lies in {root / 'videos'} and {root / 'data'}"]
+    return None, [f"{lost}; what remains of it is in {root / 'videos'} and {root / 'data'}"]
 
 
 def _strip_remedy(error: DatasetInvalid) -> str:

@@ -68,10 +68,14 @@ def parse_episodes(text: str) -> list[int]:
     for word in text.split(","):
         first, dash, last = word.strip().partition("-")
         if not (first.isdecimal() and (last.isdecimal() if dash else True)):
-            raise OptionError(f"'{word.strip()}' in --episodes is no episode; write numbers and ranges like 0,1,4-7.")
+            raise OptionError(
+                f"'{word.strip()}' in --episodes is not an episode; write numbers and ranges like 0,1,4-7."
+            )
         low, high = int(first), int(last if dash else first)
         if high < low or high - low > LONGEST:
-            raise OptionError(f"'{word.strip()}' in --episodes is no range; write the smaller number first, like 4-7.")
+            raise OptionError(
+                f"'{word.strip()}' in --episodes is not a range; write the smaller number first, like 4-7."
+            )
         episodes += range(low, high + 1)
     return episodes
 

@@ -78,7 +78,7 @@ def _name_failures(root: Path) -> Iterator[None]:
             raise  # an error of reading another file
         reason = (error.strerror or str(error)).lower()
         raise CannotWrite(
-            f"{root} cannot be written: {reason}; choose a place with free space in which folders can be made."
+            f"{root} cannot be written: {reason}; choose a folder that is writable and has free space."
         ) from error
 
 

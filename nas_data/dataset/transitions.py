@@ -126,8 +126,8 @@ def _add_derived(dataset: Dataset, n: int) -> tuple[Dataset, dict[str, str]]:
         return dataset, {}
     if SIM_STATE in widths or len(set(widths.values())) > 1:
         raise DatasetInvalid(
-            f"Some of {', '.join(widths)} have velocities or predictions that the others lack; "
-            "record the state and its next twin alike, and pair afterwards."
+            f"Some of {', '.join(widths)} have velocities or predictions that the others lack; record state and next "
+            "state with the same components, and pair afterwards."
         )
     made: dict[str, str] = {}
     if widths[STATE] == n:

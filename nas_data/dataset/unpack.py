@@ -60,7 +60,9 @@ def _translate_errors(file: Path) -> Iterator[None]:
         yield
     except (tarfile.TarError, EOFError, ValueError, LookupError, OverflowError) as error:
         reason = str(error).rstrip(".")
-        raise DatasetInvalid(f"{file} is no whole pack of nas ({reason}); have it packed or copied again.") from None
+        raise DatasetInvalid(
+            f"{file} is not a complete pack of nas ({reason}); copy it again, or have it packed again."
+        ) from None
 
 
 def check_members(archive: tarfile.TarFile) -> dict[str, tarfile.TarInfo]:
@@ -72,9 +74,9 @@ def check_members(archive: tarfile.TarFile) -> dict[str, tarfile.TarInfo]:
     members: dict[str, tarfile.TarInfo] = {}
     for member in archive:
         if member.type != tarfile.REGTYPE or member.sparse is not None:
-            raise ValueError(f"{member.name!r} in it is no plain file")
+            raise ValueError(f"{member.name!r} in it is not a regular file")
         if not is_plain(member.name):
-            raise ValueError(f"{member.name!r} in it is no path inside a dataset")
+            raise ValueError(f"{member.name!r} in it is not a path inside a dataset")
         if member.name in members:
             raise ValueError(f"{member.name!r} is in it twice")
         members[member.name] = member
@@ -109,18 +111,18 @@ def _check_whole(file: Path, hidden: Path, manifest: Manifest) -> None:
     found = hash_files(hidden)
     altered = [name for name, digest in manifest.files.items() if found.get(name) != digest]
     if altered:
-        raise ValueError(f"{altered[0]!r} in it was altered: its SHA-256 differs")
+        raise ValueError(f"{altered[0]!r} in it was changed: its SHA-256 differs")
     with file.open("rb") as stream:
         held = hashlib.file_digest(stream, "sha256").hexdigest()
     if _compute_digest(hidden, manifest) != held:
-        raise ValueError("it was altered outside of its files")
+        raise ValueError("bytes outside of its files were changed")
     try:
         if hash_content(read(hidden)) != manifest.content_hash:
-            raise ValueError("its rows have another content hash than it says")
+            raise ValueError("the content hash of its rows differs from the one in it")
         check_unchanged(hidden, manifest)
     except NasError as error:
         reason = str(error).replace(f"{hidden}/", "").rpartition(";")[0]  # the remedy is for the sender
-        raise ValueError(f"it holds no sound dataset: {reason}") from None
+        raise ValueError(f"it contains no valid dataset: {reason}") from None
 
 
 def _compute_digest(root: Path, manifest: Manifest) -> str:

@@ -110,9 +110,8 @@ def _check_files(root: Path, provenance: Provenance | None) -> Iterator[str]:
     """Compare every file with its SHA-256 in the provenance."""
     if provenance is None:
         yield (
-            f"{root / layout.PROVENANCE} is missing: LeRobot wrote this dataset, or its merge, split, delete or "
-            "feature tools made it, which do not carry provenance along; any nas command that makes a dataset of it "
-            "(pair, merge, split) starts a new one."
+            f"{root / layout.PROVENANCE} is missing: LeRobot wrote or edited this dataset, and its tools do not keep "
+            "provenance; any nas command that makes a new version of it (pair, merge, split) starts one."
         )
         return
     for name, digest in sorted(provenance.files.items()):
@@ -148,7 +147,7 @@ def _check_indices(evidence: VerifyInput) -> Iterator[str]:
         wrong = np.flatnonzero(columns[key][:, 0] != expected)
         if len(wrong):
             found = int(columns[key][wrong[0], 0])
-            yield f"{key} is {found} where {int(expected[wrong[0]])} is due ({_locate(dataset, wrong[0])})."
+            yield f"{key} is {found} where {int(expected[wrong[0]])} is expected ({_locate(dataset, wrong[0])})."
     due = (frame / dataset.fps).astype(layout.AUTOMATIC["timestamp"])  # float32: 0.1 ms coarse after half an hour
     off = np.abs(columns["timestamp"][:, 0].astype(np.float64) - due)
     late = np.flatnonzero(off > np.maximum(STAMP_TOLERANCE, np.spacing(due)))
@@ -203,7 +202,7 @@ def _check_statistics(evidence: VerifyInput) -> Iterator[str]:
             stored = np.asarray(entry.get(name), np.float64).reshape(-1) if isinstance(entry, dict) else np.empty(0)
             allowed = STATISTICS_TOLERANCE * np.maximum(1.0, np.abs(values.astype(np.float64)))
             if stored.shape != values.shape or (np.abs(stored - values.astype(np.float64)) > allowed).any():
-                yield f"{path} has another {name} of '{key}' than the data; policies would be normalised wrongly."
+                yield f"The {name} of '{key}' in {path} does not match the data; policies would be normalised wrongly."
 
 
 def _report_audit_problems(evidence: VerifyInput) -> Iterator[str]:
@@ -246,8 +245,8 @@ def _note_discontinuities(evidence: VerifyInput) -> Iterator[str]:
     gaps = _find_discontinuities(evidence)
     if len(gaps) and not (evidence.provenance is not None and evidence.provenance.contiguous):
         yield (
-            f"In {count_of(len(gaps), 'frame')} the next state is not the following frame's state: open loops need "
-            "care."
+            f"In {count_of(len(gaps), 'frame')} the next state is not the following frame's state; an open-loop "
+            "rollout across them would be wrong."
         )
 
 

@@ -38,7 +38,7 @@ def resolve(path: Path) -> Path:
     if found:
         return found[-1]
     if path.is_file():
-        raise DatasetNotFound(f"{path} is a file, no dataset; import it first: nas import {path} --map MAP.toml.")
+        raise DatasetNotFound(f"{path} is a file, not a dataset; import it first: nas import {path} --map MAP.toml.")
     reason = f"it has no {INFO} and no versions" if path.is_dir() else "there is no such folder"
     raise DatasetNotFound(f"There is no dataset at {path}: {reason}; give a dataset's folder or datasets/NAME.")
 
@@ -73,7 +73,7 @@ def check_paired(root: Path, dataset: Dataset, who: str, otherwise: str = "") ->
         return
     below = find_paired_version(root)
     remedy = f"give its paired version, {below}" if below else f"run `nas pair {root}` first"
-    lacking = f"{who} learns from the source's predictions, which {root} does not hold"
+    lacking = f"{who} learns from the source's predictions, which {root} lacks"
     raise DatasetInvalid(f"{lacking}: {remedy}{otherwise}.")
 
 
@@ -132,7 +132,7 @@ def write_version(
 def check_name(name: str) -> None:
     """Raise OptionError if a name is not a valid folder name."""
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", name):
-        raise OptionError(f"'{name}' is no name for a dataset; use letters, digits, '.', '_' and '-'.")
+        raise OptionError(f"'{name}' is not a valid dataset name; use letters, digits, '.', '_' and '-'.")
 
 
 def settle(hidden: Path, home: Path, digest: str, number: int = 0, damaged: Path | None = None) -> Path:

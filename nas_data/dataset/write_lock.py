@@ -29,8 +29,8 @@ def hold_write_lock(root: Path) -> Iterator[None]:
     except Timeout:
         holder = file.read_text() if file.exists() else ""
         raise BeingWritten(
-            f"{root} is being written by another program (process {holder or 'unknown'}); wait for its end, or choose "
-            "another name."
+            f"{root} is being written by another program (process {holder or 'unknown'}); wait until it ends, or "
+            "choose another name."
         ) from None
     with lock:
         try:

@@ -98,7 +98,7 @@ def test_every_episode_that_a_killed_lerobot_had_saved_is_rescued(folder, count,
     with pytest.raises(DatasetInvalid, match=r"file-000\.parquet is only half-written"):
         read(root)
     assert same(rescued(root), EPISODES.select(range(count)))
-    assert "file-000.parquet has no sound Parquet footer" in capsys.readouterr().out
+    assert "file-000.parquet has no valid Parquet footer" in capsys.readouterr().out
     assert unchanged(root) == before
     made = resolve(Path("datasets/rec"))
     assert verify(made) == []
@@ -150,7 +150,7 @@ def test_a_recording_whose_pages_never_reached_the_disk_is_said_to_be_lost(folde
         before = sorted(folder.rglob("*"))
         assert main(["recover", str(root)]) == 2
         message = capsys.readouterr().err
-        assert "Nothing can be rescued" in message and "holds no whole episode" in message
+        assert "Nothing can be rescued" in message and "contains no complete episode" in message
         assert sorted(folder.rglob("*")) == before
 
 

@@ -135,7 +135,7 @@ def test_no_byte_of_a_pack_can_be_altered_unnoticed(data):
         else:
             content += b"\0" * (1 + place % 2000)
         file.write_bytes(content)
-        with pytest.raises(DatasetInvalid, match="no whole pack") as caught:
+        with pytest.raises(DatasetInvalid, match="not a complete pack") as caught:
             unpack(file, Path(home) / "mine")
         assert "\n" not in str(caught.value)
         assert not (Path(home) / "mine").exists()
@@ -169,28 +169,28 @@ def rewritten(**changes):
 
 
 BAD = {
-    "'../../evil' in it is no path": extra("../../evil"),
-    "'/evil' in it is no path": extra("/evil"),
-    "'data/../x' in it is no path": extra("data/../x"),
-    "'data//x' in it is no path": extra("data//x"),
-    "'.hidden' in it is no path": extra(".hidden"),
-    r"evil' in it is no path": extra("..\\evil"),
-    "'meta/link' in it is no plain file": extra("meta/link", tarfile.SYMTYPE, "/etc/passwd"),
-    "'meta/hard' in it is no plain file": extra("meta/hard", tarfile.LNKTYPE, "meta/info.json"),
-    "'meta/pipe' in it is no plain file": extra("meta/pipe", tarfile.FIFOTYPE),
-    "'data' in it is no plain file": extra("data", tarfile.DIRTYPE),
+    "'../../evil' in it is not a path": extra("../../evil"),
+    "'/evil' in it is not a path": extra("/evil"),
+    "'data/../x' in it is not a path": extra("data/../x"),
+    "'data//x' in it is not a path": extra("data//x"),
+    "'.hidden' in it is not a path": extra(".hidden"),
+    r"evil' in it is not a path": extra("..\\evil"),
+    "'meta/link' in it is not a regular file": extra("meta/link", tarfile.SYMTYPE, "/etc/passwd"),
+    "'meta/hard' in it is not a regular file": extra("meta/hard", tarfile.LNKTYPE, "meta/info.json"),
+    "'meta/pipe' in it is not a regular file": extra("meta/pipe", tarfile.FIFOTYPE),
+    "'data' in it is not a regular file": extra("data", tarfile.DIRTYPE),
     "'meta/info.json' is in it twice": extra("meta/info.json"),
     "'meta' in it is a file and a folder": extra("meta"),
     "'meta/more.json' is either in it": extra("meta/more.json"),
     "is either in it or in its list": lambda members: members[:-1],
     "it has no nas-pack.json": lambda members: members[1:],
     "not of schema": rewritten(schema=2),
-    "other entries": rewritten(more=1),
+    "missing or unexpected entries": rewritten(more=1),
     "of the wrong kind": rewritten(number="1"),
-    "no name for a dataset": rewritten(name="../up"),
+    "not a valid dataset name": rewritten(name="../up"),
     "names no dataset": rewritten(number=10**30),
-    "another content hash than it says": rewritten(content_hash="0" * 64),
-    "altered outside of its files": lambda members: [members[0], *members[:0:-1]],
+    "the content hash of its rows differs": rewritten(content_hash="0" * 64),
+    "bytes outside of its files were changed": lambda members: [members[0], *members[:0:-1]],
 }
 
 
@@ -198,7 +198,7 @@ BAD = {
 def test_a_pack_that_nas_did_not_make_is_refused(packed, message, capsys):
     repacked(packed, BAD[message])
     before = sorted(Path().rglob("*"))
-    with pytest.raises(DatasetInvalid, match="no whole pack") as caught:
+    with pytest.raises(DatasetInvalid, match="not a complete pack") as caught:
         unpack(packed, Path("mine/deep"))
     assert message in str(caught.value)
     assert main(["unpack", str(packed), "--folder", "mine"]) == 2
@@ -218,7 +218,7 @@ def test_a_file_replaced_together_with_its_hash_is_found_by_the_content_hash(pac
         return [(members[0][0], json.dumps(manifest, indent=1).encode()), *swapped]
 
     repacked(packed, change)
-    with pytest.raises(DatasetInvalid, match="another content hash than it says"):
+    with pytest.raises(DatasetInvalid, match="the content hash of its rows differs"):
         unpack(packed, Path("mine"))
     assert not Path("mine").exists()
 
@@ -226,7 +226,7 @@ def test_a_file_replaced_together_with_its_hash_is_found_by_the_content_hash(pac
 @pytest.mark.parametrize("content", [b"", b"text", b"\x1f\x8b compressed", b"\0" * 10240])
 def test_what_is_no_pack_is_refused(folder, content):
     Path("x.nas.tar").write_bytes(content)
-    with pytest.raises(DatasetInvalid, match=r"x\.nas\.tar is no whole pack"):
+    with pytest.raises(DatasetInvalid, match=r"x\.nas\.tar is not a complete pack"):
         unpack(Path("x.nas.tar"), folder)
     with pytest.raises(DatasetNotFound):
         unpack(Path("none.nas.tar"), folder)

@@ -230,7 +230,7 @@ def test_another_rate_leaves_videos_out_keeps_the_rest_and_says_so(here, recorde
         run("import", *arguments, "--rate", "25", "--uniform", "--out", out)
         told = capsys.readouterr().out
         assert "left out: 'observation.images.front' (video of shape [64, 96, 3])" in told
-        assert "because LeRobot finds pictures by the rate" in told
+        assert "because LeRobot finds video frames by the rate" in told
         features = read(out).passthrough.features
         assert "observation.images.front" not in features and {"observation.images.wrist", *LANGUAGE} <= set(features)
         row = stored(out, 20)
@@ -274,7 +274,7 @@ def drop_columns(path: Path, start: str) -> None:
         (
             "meta/episodes/*/*.parquet",
             lambda path: drop_columns(path, "videos/observation.images.front/"),
-            "meta/episodes does not say where the pictures of episode 0 lie",
+            "meta/episodes does not give the position of the video frames of episode 0",
             "observation.images.front",
         ),
         (

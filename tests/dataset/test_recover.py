@@ -91,11 +91,11 @@ def _drop_column(root):
 
 
 LOSSES = {
-    "no rows, the first is 4": lambda root: data_of(root, 4).unlink(),
-    "file-004.parquet has no sound Parquet footer": lambda root: data_of(root, 4).write_bytes(b"PAR1 killed"),
+    "the rows of 1 episode are missing, first those of episode 4": lambda root: data_of(root, 4).unlink(),
+    "file-004.parquet has no valid Parquet footer": lambda root: data_of(root, 4).write_bytes(b"PAR1 killed"),
     "episode 4 has values of 'observation.state' that are not finite": _spoil(np.nan),
-    "episode 4 has other values of 'observation.state'": _spoil(0.5),
-    "episode 4 has 13 frames, meta/episodes promises 20": _drop_rows,
+    "episode 4 has values of 'observation.state' that do not match": _spoil(0.5),
+    "episode 4 has 13 frames, but meta/episodes lists 20": _drop_rows,
     "has no column 'observation.state'": _drop_column,
     "episode 4 has missing or repeated frames": lambda root: rewrite(
         data_of(root, 4), "frame_index", lambda column: pa.compute.add(column, 1)
@@ -126,7 +126,7 @@ def test_the_episodes_before_a_lost_one_become_a_new_version(version, message, c
 def test_where_the_first_episode_is_lost_the_others_are_offered(version, capsys):
     data_of(version, 0).unlink()
     assert main(["recover", str(version)]) == 2
-    assert "after it the data hold 11 whole episodes: add --beyond" in capsys.readouterr().err
+    assert "11 complete episodes after it can be rescued: add --beyond" in capsys.readouterr().err
     assert main(["recover", str(version), "--beyond"]) == 0
     assert same(read(Path("datasets/arm")), EPISODES.select(range(1, 12)))
 
@@ -178,7 +178,7 @@ def test_a_sound_dataset_is_left_as_it_is(version, capsys):
     assert main(["recover", str(version), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["whole"] is True
     assert main(["recover", "datasets/arm"]) == 0
-    assert "is whole" in capsys.readouterr().out
+    assert "is complete" in capsys.readouterr().out
     assert sorted(Path().rglob("*")) == before
 
 

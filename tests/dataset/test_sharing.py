@@ -223,18 +223,18 @@ def test_splitting_by_share_says_its_seed(folder):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ([], "either --episodes"),
-        (["--episodes", "0", "--share", "0.5"], "either --episodes"),
+        ([], "to divide the dataset"),
+        (["--episodes", "0", "--share", "0.5"], "to divide the dataset"),
         (["--episodes", "0,9"], "no episode 9"),
         (["--episodes", "0,0"], "named twice"),
         (["--episodes", "0-2"], "both parts need"),
-        (["--episodes", "2-0"], "no range"),
-        (["--episodes", "one"], "no episode; write"),
-        (["--episodes", "0-99999999999"], "no range"),
+        (["--episodes", "2-0"], "is not a range"),
+        (["--episodes", "one"], "is not an episode; write"),
+        (["--episodes", "0-99999999999"], "is not a range"),
         (["--share", "1.5"], "between 0 and 1"),
         (["--share", "0"], "between 0 and 1"),
         (["--episodes", "0", "--names", "a", "a"], "two names"),
-        (["--episodes", "0", "--names", "a", "../b"], "name for a dataset"),
+        (["--episodes", "0", "--names", "a", "../b"], "not a valid dataset name"),
     ],
 )
 def test_a_split_that_is_none_is_refused(folder, options, message, capsys):

@@ -217,7 +217,7 @@ def _null(root):
 DAMAGES = {
     "half-written.*nas recover": _truncate,
     "has no column 'action'": _drop_column,
-    "promises 17 frames, the data files hold 10": _lose_rows,
+    "lists 17 frames, the data files contain 10": _lose_rows,
     "no rows of episode 1": _lose_episode,
     r"'observation.state' \(m3.pos\) is nan in episode 1, frame 1": _nan,
     "holds missing values": _null,

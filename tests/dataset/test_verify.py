@@ -77,12 +77,12 @@ DAMAGES = {
     r"file-000\.parquet was changed": _flip_bit,
     "tasks.parquet is missing": lambda root: (root / layout.TASKS).unlink(),
     "The content hash is": _change_action,
-    "frame_index is 1 where 0 is due": _shift("frame_index"),
-    "^index is 1 where 0 is due": _shift("index"),
+    "frame_index is 1 where 0 is expected": _shift("frame_index"),
+    "^index is 1 where 0 is expected": _shift("index"),
     "timestamp is not frame_index": _shift("timestamp"),
     "meta/episodes says length 21 for episode 0, the rows say 20": _episode_length,
     "no complete episode table": lambda root: shutil.rmtree(root / "meta/episodes"),
-    "another max of 'observation.state'": _stats,
+    "The max of 'observation.state' in .* does not match": _stats,
     r"file-001\.parquet was added": lambda root: shutil.copy(
         layout.list_episode_files(root)[0], layout.list_episode_files(root)[0].with_name("file-001.parquet")
     ),
@@ -119,7 +119,7 @@ def test_a_clock_that_stands_still_is_a_problem(tmp_path):
     times = np.arange(20) / 50
     times[7] = times[6]
     found = _written(tmp_path, _clock(recorded(lengths=(20,)), times))
-    assert "In episode 0 the time does not go on in row 7" in found.problems[0]
+    assert "In episode 0 the time does not increase in row 7" in found.problems[0]
 
 
 def test_a_rate_that_the_clock_denies_is_a_problem(tmp_path):
@@ -212,7 +212,7 @@ def test_info_stops_where_a_parent_of_that_name_has_other_content(root, tmp_path
 def test_info_of_a_file_says_that_it_is_one(tmp_path, capsys):
     (tmp_path / "arm.toml").touch()
     assert main(["info", str(tmp_path / "arm.toml")]) == 2
-    assert "arm.toml is a file, no dataset; give a dataset's folder" in capsys.readouterr().err
+    assert "arm.toml is a file, not a dataset; give a dataset's folder" in capsys.readouterr().err
 
 
 def test_info_says_what_would_be_derived_or_why_nothing_can_be(tmp_path, capsys):

@@ -85,7 +85,7 @@ def test_out_is_exactly_the_folder(tmp_path):
 
 @pytest.mark.parametrize("name", ["", "../up", "a/b", ".hidden"])
 def test_names_that_are_no_folder_are_refused(tmp_path, name):
-    with pytest.raises(OptionError, match="name for a dataset"):
+    with pytest.raises(OptionError, match="not a valid dataset name"):
         write_version(recorded(), name, SIMULATED, tmp_path)
     assert list(tmp_path.iterdir()) == []
 

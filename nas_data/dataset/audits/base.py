@@ -63,7 +63,7 @@ class Expected:
     turns: bool = False
     resampled: bool = False
     derived: bool = False
-    promise: str = "the dataset promises"
+    promise: str = "the dataset's rate is"
     remedies: Remedies | None = None
 
     def find_commanded(self, joints: Sequence[str], kind: str) -> np.ndarray:

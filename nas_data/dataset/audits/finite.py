@@ -23,6 +23,6 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
         if bad.any():
             rows = list_row_numbers(recording.rows, bad)
             what = f"the {name} is empty, NaN or infinite in {recording.name_rows(rows)}"
-            remedy = "take these rows out, or split the log there"
+            remedy = "remove these rows, or split the log there"
             found.append(AuditFinding("not_finite", recording.label, what, remedy, rows, error=True))
     return found

@@ -35,7 +35,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
         if rows:
             wraps = joint not in expected.slides and find_whole_turns(moves[:, index]).any()
             unit = convert_hinge_unit("rad/s", joint in expected.slides)
-            hint = "jumps of a whole turn are an encoder that begins anew: import with --unwrap" if wraps else ""
+            hint = "jumps of a whole turn come from an encoder that wraps around: import with --unwrap" if wraps else ""
             what = (
                 f"{joint} reaches {speeds[:, index].max():.4g} {unit} in {recording.name_rows(rows)}, "
                 f"more than {limits[index]:.4g} {unit}"

@@ -30,7 +30,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     found = []
     if rows:
         what = (
-            f"the reading before is repeated in {recording.name_rows(rows)} although the joint moves: "
+            f"readings repeat the previous one in {recording.name_rows(rows)} although the joint moves: "
             f"{_describe_pattern(stale, expected.rate)}"
         )
         minor = len(rows) <= TOLERATED_SHARE * np.count_nonzero(moving)
@@ -40,8 +40,8 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     if rows:
         longest = max(last - first + 1 for first, last in find_row_spans(np.flatnonzero(held)))
         what = (
-            f"the reading stays the same for up to {longest / expected.rate:.2g} s while the command moves, in "
-            f"{recording.name_rows(rows)}: a joint that sticks, or stale readings; the log alone cannot tell"
+            f"the reading is constant for up to {longest / expected.rate:.2g} s while the command changes, in "
+            f"{recording.name_rows(rows)}: the joint sticks, or the readings are stale; the log does not show which"
         )
         found.append(AuditFinding("repeated_samples", recording.label, what, rows=rows, minor=True))
     return found + _report_stuck_joints(recording, expected, held)
@@ -87,10 +87,10 @@ def _describe_pattern(stale: np.ndarray, rate: float) -> str:
     if gaps.size >= MIN_BEAT_REPEATS and len(beat) >= REGULAR * len(gaps) and beat.mean() > 1:
         device = rate * (1 - 1 / float(beat.mean()))
         return (
-            f"they come at a beat, so the robot gave about {device:.3g} readings a second, not {rate:.4g}, and a delay "
-            "of up to one of its periods will be found"
+            f"they are periodic, so the robot gave about {device:.3g} readings per second, not {rate:.4g}; nas gap "
+            "will find a delay of up to one period of these readings"
         )
-    return "they come here and there: the recorder was faster than the robot answered, or lost an answer"
+    return "they are irregular: the recorder read faster than the robot updated its readings, or answers were lost"
 
 
 def _find_held_rows(recording: Recording, expected: Expected, same: np.ndarray) -> np.ndarray:
@@ -122,8 +122,8 @@ def _report_stuck_joints(recording: Recording, expected: Expected, said: np.ndar
         rows = list_row_numbers(recording.rows, stuck)
         if rows:
             what = (
-                f"the reading of {joint} stands still in {recording.name_rows(rows)} while its command moves: a "
-                "servo that is blocked or released, or readings that are not fresh"
+                f"the reading of {joint} is constant in {recording.name_rows(rows)} while its command changes: the "
+                "servo is blocked or its torque is off, or the readings are stale"
             )
             found.append(AuditFinding("frozen_reading", recording.label, what, rows=rows))
     return found

@@ -23,7 +23,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     steps = np.diff(recording.time)
     back = list_row_numbers(recording.rows[1:], steps < 0)
     if back:
-        what = f"the time goes back in {recording.name_rows(back)}"
+        what = f"the time decreases in {recording.name_rows(back)}"
         remedy = (
             "if a new take begins there, name the column that numbers them in [read.episode], or give each take a file "
             "of its own; if rows are out of order within a take, sort them"
@@ -33,19 +33,19 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     repeated = list_row_numbers(recording.rows[1:], steps == 0)
     if len(repeated) == len(steps):
         what = "the time is the same in all rows"
-        remedy = "name the time column in [read.time], or say uniform = true there if the log has none"
+        remedy = "name the time column in [read.time], or set uniform = true there if the log has none"
         return [AuditFinding("repeated_time", recording.label, what, remedy, repeated, error=True)]
     if len(repeated) > MOST_REPEATED * len(steps) and not expected.resampled:
         what = f"most rows repeat the time of the row before: {recording.name_rows(repeated)}"
         remedy = (
-            "if the rows are evenly spaced and the clock is too coarse, say uniform = true in [read.time] in place of "
+            "if the rows are evenly spaced and the clock is too coarse, set uniform = true in [read.time] in place of "
             "'column' and 'unit'; if each reading was written several times, add [resample] with the rate of the "
             "readings"
         )
         return [AuditFinding("repeated_time", recording.label, what, remedy, repeated, error=True)]
     if repeated:
-        kept = "resampling takes the last of them" if expected.resampled else "they are kept as rows of their own"
-        what = f"the time does not go on in {recording.name_rows(repeated)}: {kept}"
+        kept = "resampling takes the last of them" if expected.resampled else "they are kept as separate rows"
+        what = f"the time does not increase in {recording.name_rows(repeated)}: {kept}"
         found.append(AuditFinding("repeated_time", recording.label, what, rows=repeated))
     return (
         _report_division(recording)
@@ -106,7 +106,7 @@ def _report_uneven_steps(recording: Recording, steps: np.ndarray, expected: Expe
         if not gaps:
             return []
         what = f"up to {steps.max() * 1e3:.3g} ms pass before {recording.name_rows(gaps)}"
-        remedy = "what resampling puts there was never measured"
+        remedy = "resampling fills these gaps with values that were not measured"
         return [AuditFinding("time_gap", recording.label, what, remedy, gaps)]
     found = []
     holes = find_holes(steps, 1 / expected.rate) & find_holes(steps, float(np.median(steps)))

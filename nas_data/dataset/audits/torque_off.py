@@ -13,6 +13,6 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     rows = list_row_numbers(recording.rows, (recording.signals[SIGNAL] == 0).any(axis=1))
     if not rows:
         return []
-    what = f"the torque is off in {recording.name_rows(rows)}: the command does not act there"
-    remedy = f"nas.{SIGNAL} tells these rows apart"
+    what = f"the torque is off in {recording.name_rows(rows)}: the command has no effect there"
+    remedy = f"nas.{SIGNAL} marks these rows"
     return [AuditFinding("torque_off", recording.label, what, remedy, rows, minor=True)]

@@ -39,8 +39,8 @@ def _report_large_values(recording: Recording, expected: Expected, what: str, va
                 f"more than {words}"
             )
             remedy = (
-                f"if the log is in {units}, say so: {_name_key(what, joint)}; if the joint does go so far, "
-                "add allow = ['unit_slip'] to [audit]"
+                f"if the log is in {units}, correct {_name_key(what, joint)}; if the joint does move that far, add "
+                "allow = ['unit_slip'] to [audit]"
             )
             found.append(AuditFinding("unit_slip", recording.label, text, remedy, rows, error=True))
     return found
@@ -48,7 +48,7 @@ def _report_large_values(recording: Recording, expected: Expected, what: str, va
 
 def _name_key(what: str, joint: str) -> str:
     """Return the map's key for the unit; a joint may have a table of its own."""
-    return f"unit in [read.{what}], or in [read.{what}.joints.{joint}] where the map has it"
+    return f"the unit in [read.{what}], or in [read.{what}.joints.{joint}] where the map has it"
 
 
 def _report_limit_excess(recording: Recording, expected: Expected) -> list[AuditFinding]:
@@ -64,6 +64,6 @@ def _report_limit_excess(recording: Recording, expected: Expected) -> list[Audit
                 f"the position of {joint} is {excess.max():.3g} {unit} beyond its limits {low:.4g} … {high:.4g} {unit} "
                 f"in {recording.name_rows(rows)}"
             )
-            remedy = f"if the log is in {units}, say so: {_name_key('position', joint)}"
+            remedy = f"if the log is in {units}, correct {_name_key('position', joint)}"
             found.append(AuditFinding("unit_slip", recording.label, what, remedy, rows, error=True))
     return found

@@ -182,7 +182,7 @@ def _report_silent_registers(recording: Recording, expected: Expected) -> list[A
         f"the velocity of {', '.join(names)} is zero in all rows although the position moves at up to "
         f"{speeds[silent].max():.2g} {convert_hinge_unit('rad/s', fastest in expected.slides)}"
     )
-    return [AuditFinding("velocity_scale", recording.label, what, "say velocity = 'derive' in the map", error=True)]
+    return [AuditFinding("velocity_scale", recording.label, what, "set velocity = 'derive' in the map", error=True)]
 
 
 def _report_wrong_scales(recording: Recording, expected: Expected, fits: dict[str, VelocityFit]) -> list[AuditFinding]:
