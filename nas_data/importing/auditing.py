@@ -40,7 +40,7 @@ def make_expected(mapping: Map) -> Expected:
         kinds={joint: SUFFIXES[kind] for joint, kind in zip(mapping.joints, kinds, strict=True)},
         resampled=mapping.resample is not None,
         derived=mapping.derive_velocity,
-        promise="the map says" if mapping.remedies is None else "the dataset promises",
+        promise="the map says" if mapping.remedies is None else "the dataset's rate is",
         remedies=mapping.remedies,
     )
 
@@ -56,12 +56,12 @@ def check_degrees(recording: Recording, mapping: Map) -> list[AuditFinding]:
         if quantity is mapping.command and not _contradicts_small_commands(recording, quantity):
             continue
         what = (
-            f"the {quantity.name} stays within {np.abs(degrees).max():.3g} as logged, in all joints: as degrees the "
-            "robot hardly moved"
+            f"the {quantity.name} of all joints is within ±{np.abs(degrees).max():.3g} as logged: in degrees, the "
+            "robot would hardly have moved"
         )
         radians = "--unit rad" if mapping.layout.format == "lerobot" else f"unit = 'rad' in [read.{quantity.name}]"
-        own = f"{mapping.remedies.elsewhere} " if mapping.remedies else ""
-        remedy = f"if these are radians, say {radians}, if they are degrees, {own}add allow = ['unit_slip'] to [audit]"
+        own = f"{mapping.remedies.elsewhere} " if mapping.remedies and mapping.remedies.elsewhere else ""
+        remedy = f"if these are radians, use {radians}; if they are degrees, {own}add allow = ['unit_slip'] to [audit]"
         found.append(AuditFinding("unit_slip", recording.label, what, remedy, error=True))
     return found
 

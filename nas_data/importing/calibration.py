@@ -62,7 +62,8 @@ def read_calibration(path: Path) -> dict[str, Motor]:
         raise LogError(f"There is no calibration file {path}; {WHERE}.") from None
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         raise LogError(
-            f"{path} is no calibration of LeRobot's, which holds drive_mode, range_min and range_max of each motor; "
+            f"{path} is not a calibration file of LeRobot, which has drive_mode, range_min and range_max of each "
+            "motor; "
             f"{WHERE}."
         ) from None
 
@@ -81,7 +82,7 @@ def match_motors(mapping: Map, calibration: Mapping[str, Motor], path: Path) -> 
         )
     empty = next((name for name in names if calibration[name].low >= calibration[name].high), None)
     if empty is not None:
-        raise LogError(f"{path} says an empty range for '{empty}'; calibrate the robot again.")
+        raise LogError(f"{path} has an empty range for '{empty}'; calibrate the robot again.")
     return [calibration[name] for name in names]
 
 
@@ -130,17 +131,17 @@ def choose_unit(mapping: Map, raw: np.ndarray, motors: Sequence[Motor]) -> tuple
             return "deg", "readings are the servo's ticks in degrees"
         if _is_consistent_fit(ranges):
             return RANGE, "readings are the servo's ticks in −100 … 100"
-        return RANGE, "a calibration was given; say --unit deg if they are degrees"
+        return RANGE, "a calibration was given; use --unit deg if they are degrees"
     if _is_consistent_fit(degrees):
         return "deg", "readings are the servo's ticks in degrees"
     ends = any((np.abs(raw[:, index]) == LARGEST).sum() >= CLIPPED for index in body)
     if ends or any(fit is False and _has_step(raw[:, index]) for fit, index in zip(degrees, body, strict=True)):
         raise OptionError(
-            "The readings are no degrees of these servos (another step, or cut off at 100), so they are −100 … 100, "
-            f"which mean nothing without the calibration: add --calibration FILE ({WHERE}); or say --unit "
-            "deg or --unit rad, if they are."
+            "The readings do not fit degrees of these servos (another step, or clipped at 100), so they are taken as "
+            f"−100 … 100. These cannot be converted without the calibration: add --calibration FILE ({WHERE}). If they "
+            "are degrees or radians, give --unit deg or --unit rad."
         )
-    return "deg", "LeRobot's default; say --unit range --calibration FILE if they are −100 … 100"
+    return "deg", "LeRobot's default; use --unit range --calibration FILE if they are −100 … 100"
 
 
 def with_raw_unit(mapping: Map, unit: str, motors: Sequence[Motor]) -> Map:
@@ -150,7 +151,7 @@ def with_raw_unit(mapping: Map, unit: str, motors: Sequence[Motor]) -> Map:
         OptionError: the unit is −100 … 100, and there is no calibration.
     """
     if unit == RANGE and not motors:
-        raise OptionError(f"--unit range means nothing without the calibration: add --calibration FILE; {WHERE}.")
+        raise OptionError(f"--unit range cannot be converted without the calibration: add --calibration FILE; {WHERE}.")
     servo = mapping.servo or ServoTicks(4096, True)
 
     def converted(quantity: LogQuantity) -> LogQuantity:

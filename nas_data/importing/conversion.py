@@ -91,7 +91,8 @@ def _read_joint_values(section: MapSection, index: int, count: int) -> dict[str,
     for key in KEYS:
         if key in ("unit", "kind") and isinstance(section.values.get(key), list):
             raise section.error(
-                f"'{key}' is a list, but one stands for all joints; say another one's in [{section.name}.joints.JOINT]."
+                f"'{key}' is a list, but it must be one value for all joints; set that of a single joint in "
+                f"[{section.name}.joints.JOINT]."
             )
         if key in ("unit", "kind") and section.has(key):
             values[key] = section.text(key)
@@ -137,7 +138,7 @@ def _read_scale(section: MapSection, factor: float, unit: str, kind: Kind) -> tu
     """Read `scale` and `zero`: value = factor · scale · (raw − zero). Ticks and amperes require `scale`."""
     scale = section.number("scale", None if unit in SCALED else 1.0)
     if scale == 0:
-        raise section.error("'scale' is 0; it must be another number.", "scale")
+        raise section.error("'scale' is 0; it must not be 0.", "scale")
     zero = section.number("zero", None if unit == "ticks" and kind == "position" else 0.0)
     return factor * scale, -factor * scale * zero
 

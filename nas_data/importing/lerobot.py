@@ -28,10 +28,10 @@ from nas_data.importing.map import Map, TimeColumn
 from nas_data.importing.reading import read_log
 
 TIMING = {
-    "rate": "say --rate {rate} if the time stamps are right, --uniform if the dataset's rate is",
-    "repeated_time": "say --uniform to take the rows as evenly spaced",
-    "time_backwards": "say --uniform to take the rows as evenly spaced",
-    "irregular_time": "say --uniform if only the time stamps are uneven",
+    "rate": "use --rate {rate} if the time stamps are right, or --uniform if the dataset's fps is right",
+    "repeated_time": "use --uniform to treat the rows as evenly spaced",
+    "time_backwards": "use --uniform to treat the rows as evenly spaced",
+    "irregular_time": "use --uniform if only the time stamps are uneven",
 }
 RESAMPLED = {check: f"{TIMING[check]}, or add [resample] to the map" for check in ("rate", "irregular_time")}
 BY_OPTIONS = Remedies(TIMING, "in a map of your own (--map)")
@@ -92,7 +92,7 @@ def complete_map(mapping: Map, paths: Sequence[Path], options: ImportOptions) ->
         if not path.exists():
             raise LogError(f"There is no log {path}; give recorded files or folders.")
         if not is_dataset(path):
-            raise LogError(f"{path} is no {find_folder_kind('lerobot')[2:]}; give the folder of one.")
+            raise LogError(f"{path} is not {find_folder_kind('lerobot')}; give the folder of one.")
         _refuse_own(resolve(path))
     rates = {path: DatasetInfo.read(resolve(path)).fps for path in paths}
     first, *_ = rates
@@ -113,7 +113,7 @@ def complete_map(mapping: Map, paths: Sequence[Path], options: ImportOptions) ->
         motors = match_motors(mapping, read_calibration(options.calibration), options.calibration)
     if "deg" not in mapping.position.conversion.units:
         return with_raw_unit(mapping, "deg", motors), ()
-    unit, why = options.unit, "as was said"
+    unit, why = options.unit, "as given by --unit"
     if unit is None:
         raw = [mapping.position.conversion.raw(part.positions) for path in paths for part in read_log(path, mapping)]
         unit, why = choose_unit(mapping, np.concatenate(raw), motors)
@@ -154,8 +154,8 @@ def _find_gripper_range(path: Path, joint: str, model: str | None) -> tuple[floa
     """Return the range of a gripper in a model [rad; m]; raise OptionError without a model, joint or range."""
     if model is None:
         raise OptionError(
-            f"{path} has a joint '{joint}', which LeRobot gives as 0 … 100 of its range: add --model MODEL.xml, whose "
-            "joint of that name says the range."
+            f"{path} has a joint '{joint}', which LeRobot gives as 0 … 100 of its range: add --model MODEL.xml, which "
+            "has the range of that joint."
         )
     from nas_data.robots.base import find_robot
 

@@ -78,7 +78,7 @@ def parse_map(top: MapSection, name: str, text: str) -> Map:
     read = top.table("read")
     derive = top.text("velocity", choices=VELOCITIES) == "derive"
     if not derive and not read.has("velocity"):
-        raise top.error("'velocity' is 'measured' but there is no [read.velocity]; add it, or say 'derive'.")
+        raise top.error("'velocity' is 'measured' but there is no [read.velocity]; add it, or set velocity = 'derive'.")
     constants = top.texts("constants", ("task",) if lerobot else ())
     parsed = Map(
         name=name,
@@ -142,10 +142,10 @@ def _explain_kind(joint: str, unit: str, named: bool) -> tuple[str, str]:
         named: Whether `slides` names it.
     """
     if unit in OF_SLIDES:
-        also = f" and take '{joint}' out of 'slides'" if named else ""
+        also = f" and remove '{joint}' from 'slides'" if named else ""
         return f"its positions are in '{unit}'", f"correct the unit of its positions{also}"
     if named:
-        return "'slides' names it", f"take '{joint}' out of 'slides'"
+        return "'slides' names it", f"remove '{joint}' from 'slides'"
     if unit in OF_EITHER:
         return f"its positions are in '{unit}' and 'slides' does not name it", f"name '{joint}' in 'slides'"
     return f"its positions are in '{unit}'", "correct the unit of its positions"
@@ -266,14 +266,16 @@ def _parse_clock(section: MapSection) -> TimeColumn:
     given = section.has("column")
     if section.flag("uniform"):
         if given:
-            raise section.error("uniform = true is for logs without a time: leave out 'column' and 'unit', or it.")
+            raise section.error(
+                "uniform = true is for logs without a time: leave out either it, or 'column' and 'unit'."
+            )
         clock = TimeColumn("", "s")
     elif given:
         others = section.table("columns")
         columns = {key: others.text(key) for key in others.values}
         clock = TimeColumn(section.text("column"), section.text("unit", choices=tuple(TIME_UNITS)), columns)
     else:
-        raise section.error("'column' is missing; name the time column, or say uniform = true where the log has none.")
+        raise section.error("'column' is missing; name the time column, or set uniform = true if the log has none.")
     section.finish()
     return clock
 

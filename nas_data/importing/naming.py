@@ -66,7 +66,7 @@ def _refuse_other_order(table: LogTable, mapping: Map, key: str, column: str) ->
     if other is not None and not picked:
         raise MapError(
             f"{table.path} has the joints {', '.join(other)}, but the map {', '.join(mapping.joints)}; "
-            f"say joint_names = '{column}' at the top of the map, so that they are put in its order."
+            f"set joint_names = '{column}' at the top of the map, which sorts them in the map's order."
         )
 
 
@@ -93,7 +93,7 @@ def _compare(table: LogTable, mapping: Map, found: Sequence[str]) -> None:
     shown = ", ".join(found[:SHOWN]) + (f" … ({len(found)} in all)" if len(found) > SHOWN else "")
     raise MapError(
         f"{table.path} has the joints {shown}, but the map {', '.join(mapping.joints)}; "
-        f"name them {order} in 'joints' of the map, and what it lists by joint with them."
+        f"name them {order} in 'joints' of the map, and sort its other lists of joints likewise."
     )
 
 
@@ -104,7 +104,7 @@ def _rearrange_vectors(table: LogTable, mapping: Map, key: str, rows: list[tuple
     if not kept.any():
         raise MapError(
             f"{table.path}: no row names a joint of the map ({', '.join(mapping.joints)}); the first names "
-            f"{', '.join(rows[0][:SHOWN]) or 'none'}. Name them so in 'joints' of the map."
+            f"{', '.join(rows[0][:SHOWN]) or 'none'}. Use the names of the log in 'joints' of the map."
         )
     partial = next((row for row, names in enumerate(rows) if -1 in (kinds[names] or ())), None)
     if partial is not None:
@@ -112,10 +112,12 @@ def _rearrange_vectors(table: LogTable, mapping: Map, key: str, rows: list[tuple
         there = ", ".join(rows[partial][:SHOWN])
         remedy = "write its rows together with the others'"
         if mapping.layout.topics:
-            remedy = f"name {mapping.layout.topics[key]} once for each joint in [topics], and say topic = [one a joint]"
+            remedy = (
+                f"name {mapping.layout.topics[key]} once for each joint in [topics], and set topic = [one per joint]"
+            )
         raise LogError(
-            f"{table.path}: {table.name_rows([partial])} lacks the joint '{missing}'; it has {there}. A row names all "
-            f"joints of the map or none: take it out of 'joints', or {remedy}."
+            f"{table.path}: {table.name_rows([partial])} lacks the joint '{missing}'; it has {there}. A row must have "
+            f"all joints of the map or none: remove this one from 'joints', or {remedy}."
         )
     places = np.array([kinds[names] for names, keep in zip(rows, kept, strict=True) if keep])
     widths = [len(names) for names, keep in zip(rows, kept, strict=True) if keep]

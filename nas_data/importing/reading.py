@@ -119,7 +119,7 @@ def _make_length_error(recording: Recording) -> LogError:
     """Return the error for an episode with too few rows."""
     sentence = f"{recording.label} has {count_of(len(recording), 'row')}; at least {MIN_ROWS} are needed"
     if recording.gap:
-        sentence += f"; take out {recording.name_rows(recording.rows)}, before which {recording.gap:.3g} s are missing"
+        sentence += f"; remove {recording.name_rows(recording.rows)}, before which {recording.gap:.3g} s are missing"
     return LogError(sentence + ".")
 
 
@@ -133,7 +133,7 @@ def _read_tables(log: Path, mapping: Map) -> dict[str, LogTable]:
         named = {key for key, table in tables.items() if find_names_column(table, mapping)}
         return {key: arrange(table, _restrict(mapping, key), key, required=not named) for key, table in tables.items()}
     if not log.is_dir():
-        raise LogError(f"{log} is no folder, but the map reads {', '.join(files.values())} out of one.")
+        raise LogError(f"{log} is no folder, but the map reads {', '.join(files.values())} from a folder.")
     read = {key: read_table(log / name, mapping.layout) for key, name in files.items()}
     where = mapping.position.source.table
     return {key: arrange(table, _restrict(mapping, key), key, required=key == where) for key, table in read.items()}
@@ -174,8 +174,8 @@ def _refuse_other_clocks(tables: dict[str, LogTable], ticks: dict[str, np.ndarra
             raise LogError(
                 f"{table.path}: the times that [read.time] names are {abs(seconds):.3g} s "
                 f"{'ahead of' if seconds > 0 else 'behind'} those of {mapping.layout.topics[reference]}, "
-                f"compared with the times of receipt; say column = '{RECEIVED}' for all "
-                "topics, which is of one clock."
+                f"compared with the times of receipt; set column = '{RECEIVED}' for all topics: all times of receipt "
+                "come from one clock."
             )
 
 
@@ -186,7 +186,7 @@ def _join(time: np.ndarray, given: np.ndarray, table: LogTable, mapping: Map, me
     bad = np.flatnonzero(~(np.diff(given) >= 0)) + 1
     if bad.size:
         raise LogError(
-            f"{table.path}: the time goes back or is no number in {table.name_rows(bad)}; sort or repair the file."
+            f"{table.path}: the time decreases or is not a number in {table.name_rows(bad)}; sort or repair the file."
         )
     return match_rows(time, given, method, mapping.layout.tolerance)
 
@@ -257,7 +257,7 @@ def _read_source(table: LogTable, source: LogColumns, width: int, count: int) ->
     if source.constant:
         value = table.constant(source.columns[0])
         if isinstance(value, str) or not np.isscalar(value):
-            raise LogError(f"{table.path}: the constant '{source.columns[0]}' is {value!r}, no number.")
+            raise LogError(f"{table.path}: the constant '{source.columns[0]}' is {value!r}, not a number.")
         return np.full((count, width), float(str(value)))
     parts = [table.numbers(name) for name in source.columns]
     if len(parts) > 1:
@@ -293,7 +293,7 @@ def _check_register(table: LogTable, encoding: str, source: LogColumns, raw: np.
     if bad.size:
         raise LogError(
             f"{table.path}: '{source.columns[0]}' in {table.name_rows(bad)} is not within 0 … {2**bits - 1}, "
-            f"so it is no {encoding} register read as unsigned; take 'encoding' out of the map."
+            f"so it is not a {encoding} register read as unsigned; remove 'encoding' from the map."
         )
 
 
@@ -318,7 +318,7 @@ def _split(whole: Recording, tables: dict[str, LogTable], mapping: Map) -> list[
     firsts = [values[start] for start in breaks[:-1]]
     if len(set(firsts)) < len(firsts):
         raise LogError(
-            f"{table.path}: the episode '{next(v for v in firsts if firsts.count(v) > 1)}' comes back after another "
+            f"{table.path}: the episode '{next(v for v in firsts if firsts.count(v) > 1)}' appears again after another "
             "one; sort the rows, or give each episode its own number."
         )
     parts = (whole.take(slice(start, stop)) for start, stop in pairwise(breaks))

@@ -95,7 +95,7 @@ class MapSection:
         """Read a list of non-negative integers."""
         value = self._take(key, None)
         if not isinstance(value, list) or not all(type(item) is int and item >= 0 for item in value):
-            raise self.error(f"'{key}' is {value!r}; it must be a list of whole numbers from 0 on.", key)
+            raise self.error(f"'{key}' is {value!r}; it must be a list of whole numbers, 0 or more.", key)
         return tuple(value)
 
     def table(self, key: str) -> "MapSection":
@@ -129,7 +129,7 @@ class MapSection:
         value = self.values.get(key, default)
         if value is None:
             near = get_close_matches(key, [name for name in self.values if name not in self._taken], n=1)
-            hint = f" (is '{near[0]}' meant to be it?)" if near else ""
+            hint = f" (is '{near[0]}' a misspelling of it?)" if near else ""
             raise self.error(f"the key '{key}' is missing{hint}.")
         return value
 

@@ -105,7 +105,10 @@ class LogTable:
         numbers = self.numbers(name)
         numbers = numbers.T if len(numbers) == 1 else numbers
         if numbers.shape[1] != 1:
-            raise LogError(f"{self.path}: the time column '{name}' holds vectors of {numbers.shape[1]}; one is due.")
+            raise LogError(
+                f"{self.path}: the time column '{name}' holds vectors of {numbers.shape[1]}; one number per "
+                "row is needed."
+            )
         return numbers[:, 0]
 
     def constant(self, name: str, rows: slice | np.ndarray = slice(None)) -> object:
@@ -124,7 +127,9 @@ class LogTable:
         whole = column if isinstance(column, np.ndarray) else np.array([*column.to_pylist(), None], object)[:-1]
         values = whole[rows].tolist()
         if any(value != values[0] for value in values):
-            raise LogError(f"{self.path}: '{name}' changes within the log, so it is no constant; give it as 'column'.")
+            raise LogError(
+                f"{self.path}: '{name}' changes within the log, so it is not a constant; give it as 'column'."
+            )
         return number_or_text(values[0], self.decimal) if values else None
 
     def _convert_numpy_ticks(self, name: str, column: np.ndarray, unit: str) -> np.ndarray | None:
@@ -164,7 +169,7 @@ class LogTable:
     def _check_date(self, name: str, column: Column, is_date: bool, unit: str) -> None:
         if is_date and unit != "datetime":
             raise LogError(
-                f"{self.path}: the time column '{name}' holds dates or durations; say unit = 'datetime' instead of "
+                f"{self.path}: the time column '{name}' holds dates or durations; set unit = 'datetime' instead of "
                 f"'{unit}'."
             )
         if unit == "datetime" and not is_date:
@@ -195,10 +200,10 @@ class LogTable:
             row = next(row for row, cell in enumerate(points) if cell is not None and not _is_number(cell))
             other = {".": ",", ",": "."}[self.decimal]
             is_other = _is_number(cells[row].replace(other, "."))
-            remedy = f"if it is one, say decimal = '{other}' at the top of the map" if is_other else "take that row out"
+            remedy = f"if it is one, set decimal = '{other}' at the top of the map" if is_other else "remove that row"
             raise LogError(
-                f"{self.path}: the column '{name}' holds {cells[row]!r} in {self.name_rows([row])}, no number; "
-                f"{remedy}."
+                f"{self.path}: the column '{name}' holds {cells[row]!r} in {self.name_rows([row])}, which is not a "
+                f"number; {remedy}."
             ) from None
 
     def _with_point(self, column: pa.Array) -> pa.Array:
@@ -225,9 +230,9 @@ class LogTable:
         if len(set(lengths.tolist())) > 1:
             row = int(np.flatnonzero(lengths != lengths[0])[0])
             remedy = (
-                "say joint_names = … if a column names the joints of each row, or take such rows out"
+                "set joint_names = … if a column names the joints of each row, or remove such rows"
                 if lengths.all()
-                else "take the empty rows out, or do without this column (of velocities: velocity = 'derive')"
+                else "remove the empty rows, or do not use this column (of velocities: velocity = 'derive')"
             )
             raise LogError(
                 f"{self.path}: the column '{name}' holds {count_of(lengths[0], 'number')} in "
@@ -242,7 +247,7 @@ class LogTable:
     def _refuse_nulls(self, name: str, column: pa.ChunkedArray) -> None:
         if column.null_count:
             rows = np.flatnonzero(column.is_null().to_numpy(zero_copy_only=False))
-            raise LogError(f"{self.path}: the column '{name}' is empty in {self.name_rows(rows)}; take these rows out.")
+            raise LogError(f"{self.path}: the column '{name}' is empty in {self.name_rows(rows)}; remove these rows.")
 
 
 def refuse_twice(path: Path, names: Sequence[str]) -> None:
@@ -278,7 +283,7 @@ def _make_matrix(rows: list[list[float]]) -> np.ndarray:
     """Return lists of numbers as an array (N, k); raise ValueError for unequal lengths or other values."""
     matrix = np.array(rows, dtype=np.float64)
     if matrix.ndim != 2:
-        raise ValueError("no list of numbers in every row")
+        raise ValueError("not a list of numbers in every row")
     return matrix
 
 

@@ -211,7 +211,7 @@ def test_radians_read_as_degrees_are_refused_unless_the_map_insists(tmp_path):
         "command": 'column = "goal"\nunit = "deg"',
     }
     errors = refused(findings(tmp_path, motion(), **degrees), "unit_slip")
-    assert "say unit = 'rad' in [read.position]" in errors[0].message
+    assert "use unit = 'rad' in [read.position]" in errors[0].message
     allowed = findings(tmp_path, motion(), '[audit]\nallow = ["unit_slip"]', **degrees)
     assert [finding.error for finding in only(allowed, "unit_slip")] == [False, False]
 
@@ -301,7 +301,7 @@ def test_a_reading_that_stands_still_under_a_moving_command_is_reported(tmp_path
     position[50:80], velocity[50:80] = position[50], 0.0
     found = only(findings(tmp_path, recording.edited(position=position, velocity=velocity)), "repeated_samples")
     assert found[-1].rows == tuple(range(51, 80))
-    assert "sticks, or stale" in found[-1].message
+    assert "sticks, or the readings are stale" in found[-1].message
 
 
 def test_rest_under_a_resting_command_is_no_finding(tmp_path):
@@ -332,7 +332,7 @@ def test_a_hole_in_the_time_divides_the_log(tmp_path):
         assert dataset.lengths.tolist() == [39, 79] and dataset.tasks == ("log:1", "log:2")
     time[119:] += 3
     with pytest.raises(
-        LogError, match=r"has 1 row; at least 3 are needed; take out row 119 \(counted from 0\), before which 3.02 s"
+        LogError, match=r"has 1 row; at least 3 are needed; remove row 119 \(counted from 0\), before which 3.02 s"
     ):
         findings(tmp_path, recording.edited(time=time))
 

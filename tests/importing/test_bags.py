@@ -119,7 +119,7 @@ def test_names_in_another_order_than_the_map_are_not_passed_over(tmp_path):
         return {**message, **{key: [message[key][k] for k in kept] for key in ("name", "position")}}
 
     write_messages(tmp_path / "bag.mcap", change_state=turn)
-    with pytest.raises(MapError, match="elbow, shoulder, but the map shoulder, elbow; say joint_names = 'name'"):
+    with pytest.raises(MapError, match="elbow, shoulder, but the map shoulder, elbow; set joint_names = 'name'"):
         import_bag(tmp_path, lambda text: text.replace('joint_names = "name"\n', ""))
 
 
@@ -134,7 +134,7 @@ def test_a_topic_whose_components_the_map_picks_does_not_vouch_for_another(tmp_p
         return text.replace('column = "position"', 'column = "position"\ncomponents = [0, 1]')
 
     write_messages(tmp_path / "bag.mcap", change_command=as_trajectory)
-    with pytest.raises(MapError, match="say joint_names = 'joint_names'"):
+    with pytest.raises(MapError, match="set joint_names = 'joint_names'"):
         import_bag(tmp_path, edit)
 
 
@@ -167,7 +167,7 @@ def test_clocks_that_differ_are_not_joined(tmp_path):
 
     write_messages(tmp_path / "bag.mcap", change_state=late)
     with pytest.raises(
-        LogError, match=r"are 3 s behind those of /joint_states.*say column = 'log_time' for all topics"
+        LogError, match=r"are 3 s behind those of /joint_states.*set column = 'log_time' for all topics"
     ):
         import_bag(tmp_path)
     by_receipt = 'column = "log_time"'
@@ -181,7 +181,7 @@ def test_a_bag_without_channels_in_its_summary_is_read(tmp_path):
 
 def test_messages_of_another_encoding_are_not_called_damaged(tmp_path):
     write_messages(tmp_path / "bag.mcap", encoding="protobuf")
-    with pytest.raises(LogError, match="has messages in the encoding protobuf; those of ROS 2"):
+    with pytest.raises(LogError, match="has messages in the encoding protobuf; only ROS 2"):
         import_bag(tmp_path)
 
 
@@ -332,7 +332,7 @@ def test_publishers_that_share_a_topic_are_told_apart_by_the_names_in_their_mess
     def add_gripper(text):
         return text.replace('"elbow"]', '"elbow", "gripper"]').replace("tolerance = 0.06", "tolerance = 0.11")
 
-    with pytest.raises(LogError, match=r"say topic = \[one a joint\]"):
+    with pytest.raises(LogError, match=r"set topic = \[one per joint\]"):
         import_bag(tmp_path, add_gripper)
 
     def apart(text):

@@ -32,7 +32,7 @@ def test_it_writes_a_sound_dataset_and_says_where(here, capsys):
     assert "sample: 1 episode, 119 transitions at 50 Hz" in out
     assert "Warning jump:\n  log.npz: elbow reaches" in out
     (root,) = (here / "datasets/mine").glob("v1-*")
-    assert f"The dataset lies in datasets/mine/{root.name}" in out
+    assert f"The dataset is in datasets/mine/{root.name}" in out
     assert verify(root) == []
     dataset = read(root)
     assert dataset.joints == ("shoulder", "elbow") and dataset.tasks == ("log",)
@@ -84,7 +84,7 @@ def test_a_dataset_of_lerobots_needs_no_map(here, capsys):
     ("arguments", "sentence"),
     [
         (["--map", "map.toml"], "No log is given"),
-        (["log.npz"], "log.npz is no LeRobot dataset; give --map"),
+        (["log.npz"], "log.npz is not a LeRobot dataset; to import a log, give --map"),
         (["none.npz"], "There is no log none.npz"),
         (["none.npz", "--map", "map.toml"], "There is no log none.npz"),
         (["log.npz", "--map", "none.toml"], "There is no map none.toml"),
@@ -93,7 +93,7 @@ def test_a_dataset_of_lerobots_needs_no_map(here, capsys):
         (["log.npz", "--map", "so101_csv"], "log.npz is no folder"),
         (["map.toml", "--map", "map.toml"], "map.toml does not end in .npz"),
         (["nan.npz", "--map", "map.toml"], "nan.npz: the velocity is empty, NaN or infinite in row 3"),
-        (["log.npz", "--map", "map.toml", "--name", "a/b"], "'a/b' is no name for a dataset"),
+        (["log.npz", "--map", "map.toml", "--name", "a/b"], "'a/b' is not a valid dataset name"),
         (["log.npz", "--map", "map.toml", "--out", "taken"], "taken exists already"),
     ],
 )

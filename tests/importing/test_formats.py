@@ -187,7 +187,7 @@ def test_a_damaged_npz_is_refused(tmp_path):
     content = bytearray(log.read_bytes())
     content[300:340] = bytes(40)
     log.write_bytes(content)
-    with pytest.raises(LogError, match=r"log.npz is damaged.*take it from a copy"):
+    with pytest.raises(LogError, match=r"log.npz is damaged.*restore it from a copy"):
         import_logs([log], sample_map(tmp_path))
 
 
@@ -305,7 +305,7 @@ def test_dates_are_times_only_where_the_map_says_so(tmp_path):
     pa.parquet.write_table(pa.table(columns | {"t": pa.array(dates)}), log)
     dated = sample_map(tmp_path, ".parquet", time='column = "t"\nunit = "datetime"')
     np.testing.assert_allclose(import_logs([log], dated).dataset.columns["nas.time"][:, 0], motion().time[:-1])
-    with pytest.raises(LogError, match="'t' holds dates or durations; say unit = 'datetime' instead of 's'"):
+    with pytest.raises(LogError, match="'t' holds dates or durations; set unit = 'datetime' instead of 's'"):
         import_logs([log], sample_map(tmp_path, ".parquet"))
     text = write_log(tmp_path / "log.csv", columns_of(motion()))
     lines = text.read_text().splitlines()
@@ -320,7 +320,7 @@ def test_a_log_without_clock_has_evenly_spaced_times_only_where_the_map_says_so(
     del columns["t"]
     dataset = import_columns(tmp_path, columns, text=map_text(time="uniform = true")).dataset
     np.testing.assert_allclose(dataset.columns["nas.time"][:, 0], np.arange(119) / RATE)
-    with pytest.raises(MapError, match="name the time column, or say uniform = true"):
+    with pytest.raises(MapError, match="name the time column, or set uniform = true"):
         sample_map(tmp_path, time="")
 
 
@@ -380,14 +380,16 @@ def test_another_delimiter_and_decimal_commas_are_named(tmp_path):
     log.write_text("\n".join(";".join(line) for line in cells))
     with pytest.raises(
         LogError,
-        match=r"log.csv separates its columns by ';', but the map by ','; say delimiter = ';' at the top",
+        match=r"log.csv separates its columns by ';', but the map by ','; set delimiter = ';' at the top",
     ):
         import_logs([log], sample_map(tmp_path, ".csv"))
     log.write_text("\n".join(";".join(line).replace(".", ",") for line in cells))
-    with pytest.raises(LogError, match="say delimiter = ';'"):
+    with pytest.raises(LogError, match="set delimiter = ';'"):
         import_logs([log], sample_map(tmp_path, ".csv"))
     text = map_text(".csv", top='delimiter = ";"', time="uniform = true", position='columns=["q0", "q1"]\nunit="rad"')
-    with pytest.raises(LogError, match=r"in row 0 \(line 2 of log.csv\), no number; if it is one, say decimal = ','"):
+    with pytest.raises(
+        LogError, match=r"in row 0 \(line 2 of log.csv\), which is not a number; if it is one, set decimal = ','"
+    ):
         import_logs([log], load_map(write_map(tmp_path, text)))
 
 
@@ -424,7 +426,7 @@ def test_a_point_between_thousands_is_not_taken_for_a_decimal_one(tmp_path):
     (tmp_path / "log.csv").write_text("t;q\n0,5;1.000\n")
     table = read_table(tmp_path / "log.csv", LogLayout("csv", delimiter=";", decimal=","))
     assert table.numbers("t").tolist() == [[0.5]]
-    with pytest.raises(LogError, match=r"holds '1.000' in row 0 .* say decimal = '.'"):
+    with pytest.raises(LogError, match=r"holds '1.000' in row 0 .* set decimal = '.'"):
         table.numbers("q")
 
 
@@ -514,8 +516,8 @@ def test_lines_before_the_header_and_below_it_are_to_be_taken_out(tmp_path):
     log = write_log(tmp_path / "log.csv", {"t": motion().time, "q": motion().position[:, 0]})
     header, *lines = log.read_text().splitlines()
     log.write_text("\n".join(["# recorded on Monday", header, *lines]))
-    with pytest.raises(LogError, match=r"but the header, line 1, has 1; take out lines before the header"):
+    with pytest.raises(LogError, match=r"but the header, line 1, has 1; remove lines before the header"):
         import_logs([log], sample_map(tmp_path, ".csv"))
     log.write_text("\n".join([header, "s,rad", *lines]))
-    with pytest.raises(LogError, match=r"'s' in row 0 \(line 2 of log\.csv\), no number; take that row out"):
+    with pytest.raises(LogError, match=r"'s' in row 0 \(line 2 of log\.csv\), which is not a number; remove that row"):
         import_logs([log], sample_map(tmp_path, ".csv"))

@@ -272,7 +272,7 @@ def test_wraps_and_frozen_readings_are_reported(here, capsys):
     write_lerobot(here / "d", episodes)
     imported("d")
     out = capsys.readouterr().out
-    assert "import with --unwrap" in out and "the reading of j2 stands still" in out
+    assert "import with --unwrap" in out and "the reading of j2 is constant" in out
     assert main(["pair", "d", "--model", "arm.xml", "--out", "p"]) == 0
     assert "j1 reaches" in capsys.readouterr().err
 
@@ -300,7 +300,7 @@ def test_a_joint_whose_sign_or_zero_contradicts_the_model_is_reported(here, caps
     capsys.readouterr()
     assert main(["import", "moved", "--model", "arm.xml", "--out", "m"]) == 0
     out = capsys.readouterr().out
-    assert "beyond the model's range" in out and "with another zero it would not" in out
+    assert "beyond the model's range" in out and "with another zero it would be inside" in out
 
 
 @pytest.mark.parametrize("moved", [(0.6, 0.0), (0.0, 1.0), (-0.4, 0.0)])
@@ -448,13 +448,13 @@ def test_a_killed_recording_keeps_its_videos(here, capsys):
     (video,) = (here / "d").rglob("*.mp4")
     video.write_bytes(video.read_bytes()[:2000])
     assert main(["recover", "d", "--out", "blind"]) == 0
-    assert f"{video.name} is not a whole video" in capsys.readouterr().out
+    assert f"{video.name} is not a complete video file" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
     ("pattern", "reason"),
     [
-        ("meta/episodes/*/*.parquet", "meta/episodes does not say where the pictures of episode 0 lie"),
+        ("meta/episodes/*/*.parquet", "meta/episodes does not give the position of the video frames of episode 0"),
         ("videos/*/*/*.mp4", "file-000.mp4 is missing"),
     ],
 )
@@ -546,7 +546,7 @@ def test_radians_by_the_map_of_degrees_are_refused_and_the_remedy_works(here, ca
     for states, commands in episodes:
         states[:, 5] = commands[:, 5] = 50 + 10 * states[:, 5]  # the gripper, in 0 … 100
     write_lerobot(here / "d", episodes, SO101, "so101_follower")
-    assert "say --unit rad" in refused(capsys, "import", "d", "--map", "so101_lerobot")
+    assert "use --unit rad" in refused(capsys, "import", "d", "--map", "so101_lerobot")
     dataset = read(imported("d", "--map", "so101_lerobot", "--unit", "rad"))
     np.testing.assert_allclose(dataset.states[:59, :5], episodes[0][0][:59, :5], atol=1e-6)
 

@@ -70,7 +70,10 @@ WRONG = {
         map_text(extra="[resampel]\nrate = 50"),
         r"no key 'resampel' here \(did you mean 'resample'\?\); the keys are: .*delimiter, entries, .*join, .*resample",
     ),
-    "misspelt needed key": (map_text().replace("rate =", "rates ="), "'rate' is missing \\(is 'rates' meant to be it"),
+    "misspelt needed key": (
+        map_text().replace("rate =", "rates ="),
+        "'rate' is missing \\(is 'rates' a misspelling of it",
+    ),
     "column twice": (map_text(position='columns = ["q1", "q1"]\nunit = "rad"'), r"\[read.position\]: .*'q1' twice"),
     "command twice": (map_text(command='columns = ["c", "c"]\nunit = "rad"'), r"\[read.command\]: .*'c' twice"),
     "component twice": (map_text(position='column = "q"\ncomponents = [1, 1]\nunit = "rad"'), "names 1 twice"),
@@ -94,7 +97,10 @@ WRONG = {
         r"'velocity' is 'measured' but there is no \[read.velocity\]",
     ),
     "time unit": (map_text(time='column = "t"\nunit = "min"'), "'unit' is 'min'; choose one of: s, ms, us, ns"),
-    "clock or none": (map_text(time='column = "t"\nuniform = true'), r"\[read.time\]: .*leave out 'column' and 'unit'"),
+    "clock or none": (
+        map_text(time='column = "t"\nuniform = true'),
+        r"\[read.time\]: .*leave out either it, or 'column' and 'unit'",
+    ),
     "position unit": (
         map_text(position='column = "q"\nunit = "inch"'),
         "choose one of: rad, deg, turn, m, cm, mm, tic",

@@ -106,7 +106,7 @@ def test_raw_csv_and_npz_of_one_motion_are_the_same_recording():
 
 def test_radians_of_the_arm_taken_for_degrees_are_refused(tmp_path):
     slip = changed_map(tmp_path, "so101_npz", ('unit = "rad"\n', 'unit = "deg"\n'), ('"rad/s"', '"deg/s"'))
-    with pytest.raises(LogError, match=r"chirp_sweep.npz: the position stays within .*say unit = 'rad'"):
+    with pytest.raises(LogError, match=r"chirp_sweep.npz: the position of all joints is within ±.*use unit = 'rad'"):
         import_logs([SO101 / "chirp_sweep.npz"], slip)
 
 

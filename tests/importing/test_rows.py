@@ -97,7 +97,8 @@ def test_files_of_other_times_are_refused(tmp_path):
 
 def test_a_second_file_whose_time_goes_back_or_that_is_empty_is_refused(tmp_path):
     with pytest.raises(
-        LogError, match=r"control.csv: the time goes back or is no number in rows 1–119 \(lines 3–121 of control.csv\)"
+        LogError,
+        match=r"control.csv: the time decreases or is not a number in rows 1–119 \(lines 3–121 of control.csv\)",
     ):
         import_logs([two_files(tmp_path, slice(None, None, -1))], load_map(two_file_map(tmp_path)))
     with pytest.raises(LogError, match=r"control.csv holds no rows"):
@@ -113,7 +114,9 @@ def test_a_missing_second_file_is_named(tmp_path):
 
 def test_a_file_where_a_folder_is_due_and_the_reverse_are_refused(tmp_path):
     log = two_files(tmp_path)
-    with pytest.raises(LogError, match=r"state.csv is no folder, but the map reads state.csv, control.csv out of one"):
+    with pytest.raises(
+        LogError, match=r"state.csv is no folder, but the map reads state.csv, control.csv from a folder"
+    ):
         import_logs([log / "state.csv"], load_map(two_file_map(tmp_path)))
     (tmp_path / "none").mkdir()
     with pytest.raises(LogError, match=r"none holds no log \(state.csv or control.csv\)"):
@@ -126,7 +129,7 @@ def test_a_file_where_a_folder_is_due_and_the_reverse_are_refused(tmp_path):
 
 def test_a_log_named_twice_is_refused(tmp_path):
     log = write_log(tmp_path / "log.npz", columns_of(motion()))
-    with pytest.raises(LogError, match="is named twice"):
+    with pytest.raises(LogError, match="is given twice"):
         import_logs([log, tmp_path], sample_map(tmp_path))
 
 
@@ -165,7 +168,7 @@ def test_an_episode_column_divides_a_log(tmp_path, suffix):
 def test_episodes_that_come_back_or_are_too_short_are_refused(tmp_path):
     mapping = sample_map(tmp_path, ".npz", '[read.episode]\ncolumn = "take"')
     log = write_log(tmp_path / "log.npz", columns_of(motion()) | {"take": np.repeat([1, 2, 1], 40)})
-    with pytest.raises(LogError, match="the episode '1' comes back after another one"):
+    with pytest.raises(LogError, match="the episode '1' appears again after another one"):
         import_logs([log], mapping)
     log = write_log(tmp_path / "log.npz", columns_of(motion()) | {"take": np.repeat([1, 2], [118, 2])})
     with pytest.raises(LogError, match=r"log.npz:2 has 2 rows; at least 3"):
@@ -257,7 +260,8 @@ def test_errors_refuse_the_import_and_name_log_rows_and_remedy(tmp_path):
     worse = write_log(tmp_path / "worse.npz", columns_of(broken))
     mapping = load_map(write_map(tmp_path))
     with pytest.raises(
-        LogError, match=r"bad.npz: the position is empty, NaN or infinite in row 17 \(counted from 0\); take these rows"
+        LogError,
+        match=r"bad.npz: the position is empty, NaN or infinite in row 17 \(counted from 0\); remove these rows",
     ):
         import_logs([good, bad], mapping)
     with pytest.raises(LogError, match=r"And 1 more like this \(in .*worse.npz\)"):

@@ -163,18 +163,18 @@ FAULTS = {
     "resample": Fault(
         "or add [resample]", slow, map_text(), map_text(extra='[resample]\nrate = 25.0\nmethod = "linear"')
     ),
-    "coarse clock": Fault("say uniform = true in [read.time]", coarse, map_text(), map_text(time="uniform = true")),
+    "coarse clock": Fault("set uniform = true in [read.time]", coarse, map_text(), map_text(time="uniform = true")),
     "readings written several times": Fault(
         "written several times, add [resample]",
         coarse,
         map_text(),
         map_text(extra='[resample]\nrate = 20.0\nmethod = "linear"'),
     ),
-    "degrees": Fault("say so: unit in [read.position]", in_degrees, map_text(), map_text(**DEGREES)),
+    "degrees": Fault("correct the unit in [read.position]", in_degrees, map_text(), map_text(**DEGREES)),
     "turns": Fault(
         "allow = ['unit_slip']", turns, map_text(extra=FAST), map_text(extra=FAST + 'allow = ["unit_slip"]')
     ),
-    "radians": Fault("say unit = 'rad' in [read.position]", log(), map_text(**DEGREES), map_text()),
+    "radians": Fault("use unit = 'rad' in [read.position]", log(), map_text(**DEGREES), map_text()),
     "few degrees": Fault("add allow = ['unit_slip']", log(), map_text(**DEGREES), map_text(extra=ALLOWED, **DEGREES)),
     "silent register": Fault("velocity = 'derive'", log(dq=np.zeros_like), map_text(), map_text(velocity='"derive"')),
     "sign": Fault("correct 'sign'", log(dq=np.negative), map_text(), map_text(register=TURNED)),
@@ -187,13 +187,13 @@ FAULTS = {
         map_text(top='joint_names = "n"', joints='["elbow", "shoulder"]'),
     ),
     "components": Fault("pick with 'components'", wide, map_text(), map_text(position=PICKED)),
-    "encoding": Fault("take 'encoding' out", log(), map_text(**encoded), map_text()),
+    "encoding": Fault("remove 'encoding' from", log(), map_text(**encoded), map_text()),
     "delimiter": Fault(
-        "say delimiter = ';'", text_log(lambda text: text.replace(",", ";")), csv_map(), csv_map(top=SEMICOLON)
+        "set delimiter = ';'", text_log(lambda text: text.replace(",", ";")), csv_map(), csv_map(top=SEMICOLON)
     ),
-    "comma": Fault("say decimal = ','", text_log(german), csv_map(top=SEMICOLON), csv_map(top=GERMAN)),
-    "quoted comma": Fault("say decimal = ','", text_log(quoted), csv_map(), csv_map(top=COMMA)),
-    "point": Fault("say decimal = '.'", text_log(str), csv_map(top=COMMA), csv_map()),
+    "comma": Fault("set decimal = ','", text_log(german), csv_map(top=SEMICOLON), csv_map(top=GERMAN)),
+    "quoted comma": Fault("set decimal = ','", text_log(quoted), csv_map(), csv_map(top=COMMA)),
+    "point": Fault("set decimal = '.'", text_log(str), csv_map(top=COMMA), csv_map()),
     "unquoted comma": Fault(
         "write numbers with a decimal point",
         text_log(lambda text: text.replace(".", ",")),
@@ -209,7 +209,7 @@ FAULTS = {
         csv_map(),
         text_log(str),
     ),
-    "cut line": Fault("take it out", text_log(torn), csv_map(), csv_map(), text_log(without_line)),
+    "cut line": Fault("repair or remove it", text_log(torn), csv_map(), csv_map(), text_log(without_line)),
     "clock": Fault("uniform = true", log(), map_text(time=""), map_text(time="uniform = true")),
     "command unit": Fault(
         "correct the unit in [read.command]", log(goal=np.degrees), map_text(), map_text(command=GOAL)
@@ -218,12 +218,13 @@ FAULTS = {
     "episodes with one number": Fault("give each episode its own number", takes(0, 1, 0), TAKES, TAKES, takes(0, 1, 2)),
     "no constant": Fault("give it as 'column'", loaded, LOAD.format("constant"), LOAD.format("column")),
     "names of all rows": Fault(
-        "no row names a joint of the map (shoulder, elbow); the first names j1, j2. Name them so in 'joints'",
+        "no row names a joint of the map (shoulder, elbow); the first names j1, j2. Use the names of the log in "
+        "'joints'",
         named_rows,
         map_text(top='joint_names = "n"'),
         map_text(top='joint_names = "n"', joints='["j1", "j2"]'),
     ),
-    "no number": Fault("take these rows out", log(q=without_last), map_text(), map_text(), shorter),
+    "no number": Fault("remove these rows", log(q=without_last), map_text(), map_text(), shorter),
 }
 
 
@@ -334,7 +335,7 @@ def test_two_joints_that_the_map_takes_for_one_another_are_told_by_the_models_li
         write_log(here / "log.npz", {"t": columns["t"], **right})
         assert main(["import", "log.npz", "--map", "map.toml", "--model", "ends.xml", "--out", name]) == 0
         said = capsys.readouterr().out
-        assert ("or whether the map takes j1 and j2 for one another" in said) is (name == "exchanged"), said
+        assert ("or whether the map exchanges j1 and j2" in said) is (name == "exchanged"), said
         assert ("model_limits" in said) is (name == "exchanged"), said
 
 
@@ -604,7 +605,7 @@ def test_a_dataset_changed_in_place_is_made_a_version_as_is_said(here, capsys):
 def test_lost_provenance_is_started_anew_by_the_commands_that_verify_names(here, capsys):
     root = simulated(here / "d", (60, 60))
     (root / layout.PROVENANCE).unlink()
-    assert "(pair, merge, split) starts a new one" in refused(capsys, "verify", "d")
+    assert "(pair, merge, split) starts one" in refused(capsys, "verify", "d")
     for number, command in enumerate((["pair", "d", "--model", "arm.xml"], ["merge", "d"])):
         assert main([*command, "--out", f"n{number}"]) == 0 and main(["verify", f"n{number}"]) == 0
 

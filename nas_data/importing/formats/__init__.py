@@ -66,14 +66,14 @@ def _read(path: Path, layout: LogLayout, reader: Callable[[Path, LogLayout], Con
     known = find_format(layout.format)
     folder = is_folder_log(path, layout.format)
     if not folder and find_folder_kind(layout.format) and not (path.is_file() and known.SUFFIXES):
-        there = "there is no such folder" if not path.exists() else f"it is no {find_folder_kind(layout.format)[2:]}"
+        there = "there is no such folder" if not path.exists() else f"it is not {find_folder_kind(layout.format)}"
         raise LogError(f"{path} cannot be read: {there}; give {find_folder_kind(layout.format)}.")
     if not path.is_file() and not folder:
         raise LogError(f"There is no file {path}; give a recorded log.")
     if not folder and path.suffix.lower() not in known.SUFFIXES:
         raise LogError(
             f"{path} does not end in {' or '.join(known.SUFFIXES)}, but the map says format = '{layout.format}'; "
-            "give the log that belongs to the map, or another map."
+            "give a log of that format, or another map."
         )
     if not folder and path.stat().st_size == 0:
         raise LogError(f"{path} is empty; give a log with recorded rows.")

@@ -53,7 +53,7 @@ def _check_start(path: Path, delimiter: str) -> None:
         raise LogError(
             f"{path} separates its columns by {DELIMITERS[other]}, "
             f"but the map by {DELIMITERS.get(delimiter, repr(delimiter))}; "
-            f"say delimiter = {DELIMITERS[other]} at the top of the map."
+            f"set delimiter = {DELIMITERS[other]} at the top of the map."
         )
 
 
@@ -72,12 +72,12 @@ def _refuse_ragged(path: Path, delimiter: str) -> None:
     if bad and bad[0].actual_columns > bad[0].expected_columns:
         raise LogError(
             f"{path}: line {bad[0].number} has {count_of(bad[0].actual_columns, 'cell')}, but the header, line 1, has "
-            f"{bad[0].expected_columns}; take out lines before the header, name every column in it, and write numbers "
+            f"{bad[0].expected_columns}; remove lines before the header, name every column in it, and write numbers "
             "with a decimal point, or with another delimiter."
         )
     if bad:
         raise LogError(
             f"{path}: line {bad[0].number} has {count_of(bad[0].actual_columns, 'cell')}, "
             f"but the header {bad[0].expected_columns}; the line is damaged or cut off: "
-            "repair it or take it out."
+            "repair or remove it."
         )

@@ -53,7 +53,8 @@ def _parse(path: Path) -> object:
                 f"{path} is cut off in line {error.lineno}; copy it again, or let the recorder close its file."
             ) from None
         raise LogError(
-            f"{path} cannot be read as json: line {error.lineno}, column {error.colno} is no JSON; repair it there."
+            f"{path} cannot be read as json: line {error.lineno}, column {error.colno} is not valid JSON; repair it "
+            "there."
         ) from None
 
 

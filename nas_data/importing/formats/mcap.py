@@ -25,8 +25,8 @@ def read_topics(path: Path, layout: LogLayout) -> dict[str, LogTable]:
     except DecoderNotFoundError as error:
         encoding = str(error).partition(" message encoding ")[2].partition(",")[0]
         raise LogError(
-            f"{path} has messages in the encoding {encoding}; those of ROS 2 (cdr) and JSON are read: "
-            "write the topics of the map so, or as columns of a CSV file."
+            f"{path} has messages in the encoding {encoding}; only ROS 2 (cdr) and JSON can be read: convert the "
+            "topics of the map to one of them, or to a CSV file."
         ) from None
     except McapError as error:
         reason = (str(error) or type(error).__name__).splitlines()[0].rstrip(".")

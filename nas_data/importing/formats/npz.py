@@ -25,7 +25,7 @@ def read(path: Path, layout: LogLayout) -> LogTable:
         with np.load(path, allow_pickle=False) as archive:
             arrays = {name: _read_array(archive, name) for name in archive.files}
     except (zipfile.BadZipFile, zlib.error) as error:
-        raise LogError(f"{path} is damaged: {error}; take it from a copy.") from None
+        raise LogError(f"{path} is damaged: {error}; restore it from a copy.") from None
     found = {name: array for name, array in arrays.items() if array is not None}
     columns = {name: array for name, array in found.items() if array.ndim}
     constants = {name: array.item() for name, array in found.items() if not array.ndim}

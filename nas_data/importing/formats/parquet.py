@@ -18,7 +18,7 @@ def read(path: Path, layout: LogLayout) -> LogTable:
     if content.startswith(MAGIC) and not content.endswith(MAGIC):
         raise LogError(f"{path} is cut off: its end is missing; copy it again, or let the recorder close its file.")
     if not content.startswith(MAGIC):
-        raise LogError(f"{path} cannot be read as parquet: it is no Parquet file; give one, or correct 'format'.")
+        raise LogError(f"{path} cannot be read as parquet: it is not a Parquet file; give one, or correct 'format'.")
     refuse_twice(path, parquet.read_schema(path).names)
     table = parquet.read_table(path)
     metadata = table.schema.metadata or {}
