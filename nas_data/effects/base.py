@@ -228,7 +228,7 @@ def make_effect(name: str, joint: str | None, values: Mapping[str, object]) -> E
             f"{name} takes the parameters {', '.join(sorted(known))}; given: {', '.join(sorted(values)) or 'none'}."
         )
     if joint is None and not kind.whole_arm:
-        raise OptionError(f"{name} sits in a joint; say which (joint=NAME).")
+        raise OptionError(f"{name} belongs to a joint; give joint=NAME.")
     # text and truth values are not accepted as numbers
     numbers = {k: float(v) for k, v in values.items() if isinstance(v, Real) and not isinstance(v, bool)}
     other = next((key for key in values if key not in numbers), None)
@@ -245,7 +245,7 @@ def from_json(entry: Mapping[str, object]) -> Effect:
         OptionError: the entry is malformed.
     """
     if not isinstance(entry, Mapping):
-        raise OptionError(f"{entry!r} is no effect; an object with 'effect', 'joint' and 'parameters' is needed.")
+        raise OptionError(f"{entry!r} is not an effect; an object with 'effect', 'joint' and 'parameters' is needed.")
     parameters = entry.get("parameters", {})
     if not isinstance(parameters, Mapping):
         raise OptionError(f"The parameters of {entry.get('effect')} must be an object of numbers.")
@@ -272,7 +272,7 @@ def parse(text: str) -> Effect:
     except ValueError as error:
         if isinstance(error, OptionError):
             raise
-        raise OptionError(f"'{text}' has a parameter that is no number.") from None
+        raise OptionError(f"'{text}' has a parameter that is not a number.") from None
 
 
 def read_effects(path: Path) -> tuple[Effect, ...]:
@@ -287,7 +287,7 @@ def read_effects(path: Path) -> tuple[Effect, ...]:
         content = json.loads(path.read_text(encoding="utf-8"))
         entries = content["effects"] if isinstance(content, dict) else content
         if not isinstance(entries, list):
-            raise TypeError("it is no list")
+            raise TypeError("it is not a list")
         return tuple(from_json(entry) for entry in entries)
     except NasError as error:
         raise OptionError(f"{path}: {error}") from None

@@ -32,6 +32,6 @@ def make_implicit(spec: mujoco.MjSpec, period: float) -> str:
         return ""
     option.integrator = int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
     return (
-        f"The model's integrator, {own}, diverges with stiff effects (dead band, Stribeck friction): here and in "
-        f"model.xml it is implicitfast, at {1e3 * option.timestep:.3g} ms."
+        f"The model's integrator, {own}, diverges with stiff effects (dead band, Stribeck friction): it is replaced by "
+        f"implicitfast, here and in model.xml, at {1e3 * option.timestep:.3g} ms."
     )

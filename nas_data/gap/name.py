@@ -117,7 +117,7 @@ def name(train: FitTask, held: FitTask, say: Callable[[str], None] = lambda text
     plain = choice.plain
     train = replace(search.train, fine=search.task.fine)
     kept = withdraw(search, choice.best)
-    say("comparing what is nearly as good")
+    say("comparing candidates with similar scores")
     kept = break_tie(search, train, kept)
     kept, firm = make_friction_firm(search, kept)
     train = replace(search.train, fine=search.task.fine)
@@ -126,7 +126,7 @@ def name(train: FitTask, held: FitTask, say: Callable[[str], None] = lambda text
     final = fit_final(train, kept.description, kept.fit.factors)
     judged: list[tuple[Finding, Hypothesis | None]] = []
     for number, effect in enumerate(kept.effects):
-        say(f"judging {effect.name()} at {effect.joint or 'the arm'}, {number + 1} of {len(kept.effects)}")
+        say(f"checking {effect.name()} at {effect.joint or 'the arm'}, {number + 1} of {len(kept.effects)}")
         judged.append(assess(search, kept, final, number))
     order = sorted(range(len(judged)), key=lambda number: -judged[number][0].confidence)
     findings, rivals = [judged[number][0] for number in order], [judged[number][1] for number in order]

@@ -71,7 +71,7 @@ class Nominal:
         spec = bake_inertia(robot.spec())
         fix_derived_values(spec)
         spec.option.timestep = find_whole_step(evidence.period, spec.option.timestep)
-        bases = [f"The base '{base}' would fall; it is held where the model has it." for base in robot.bases]
+        bases = [f"The base '{base}' has a free joint; it is fixed at its pose in the model." for base in robot.bases]
         notes = (*bases, *adapt_model(spec, evidence.joints, evidence.period))
         base = list_base_parameters(spec, evidence.joints)
         return cls(robot, spec, strip_idle_meshes(spec), evidence.joints, evidence.period, base, notes)
@@ -195,7 +195,7 @@ class Nominal:
 def adapt_model(spec: mujoco.MjSpec, joints: Sequence[str], period: float) -> tuple[str, ...]:
     """Set an integrator for stiff effects, and lock joints without data; return a sentence for each change."""
     changed, held = make_implicit(spec, period), lock_unmeasured_joints(spec, joints)
-    still = f"Held at their reference, as the recording lacks them: {', '.join(held)}." if held else ""
+    still = f"Held at their reference, because the recording lacks them: {', '.join(held)}." if held else ""
     return tuple(note for note in (changed, still) if note)
 
 

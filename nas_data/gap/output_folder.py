@@ -33,7 +33,7 @@ def check_free(folder: Path) -> None:
     """
     strange = [name for name in (*FILES, *FOLDERS) if (folder / name).exists()]
     if strange and not any((folder / name).is_file() for name in MARKS):
-        raise OutputExists(f"{folder} holds {strange[0]}, which no gap report wrote; choose another --out.")
+        raise OutputExists(f"{folder} holds {strange[0]}, which is not a file of a gap report; choose another --out.")
 
 
 def check_model(folder: Path, model: str | Path) -> None:
@@ -43,7 +43,7 @@ def check_model(folder: Path, model: str | Path) -> None:
         OutputExists: it would be replaced.
     """
     if Path(model).is_file() and Path(model).resolve() == (folder / "model.xml").resolve():
-        raise OutputExists(f"{model} is where the model with the effects would be written; choose another --out.")
+        raise OutputExists(f"{model} would be overwritten by the model with the effects; choose another --out.")
 
 
 def clear_report(folder: Path) -> None:

@@ -85,8 +85,7 @@ class Problem:
             )
             raise DatasetInvalid(
                 f"{root or 'The dataset'} has {count_of(len(evidence), 'episode')}; at least two are needed, one to "
-                "fit and one to "
-                f"judge by: record more, or {cut}."
+                f"fit and one to test: record more, or {cut}."
             )
         as_given = Nominal.load(model, evidence)
         check_fits(transitions, as_given.simulator())

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 REPORT = "report.json"
 SCHEMA = 2
-REMEDY = "make it anew with: nas gap DATASET --model MODEL"
+REMEDY = "make it again with: nas gap DATASET --model MODEL"
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -176,7 +176,7 @@ class GapReport:
         from nas_data.gap.showing.series import SERIES, Series
 
         if SERIES not in self.files:
-            raise OptionError(f"This report has no {SERIES}, so that there is nothing to draw; {REMEDY}")
+            raise OptionError(f"This report has no {SERIES}, so nothing can be drawn; {REMEDY}")
         return Series.read_file(io.BytesIO(self.files[SERIES]), SERIES)
 
     def plot(self, joint: str | None = None) -> "Figure":

@@ -9,21 +9,23 @@ from nas_data.joint_units import find_display_unit
 
 VERDICTS = {
     "none": "No gap above the measurement noise.",
-    "retuned": "Nothing is missing: parameters that the model has, changed a little, bring the gap to the noise.",
-    "explained": "Explained: what is left is at the measurement noise.",
-    "partly_explained": "Partly explained: a rest above the noise remains.",
+    "retuned": "Nothing is missing: small changes of the model's own parameters reduce the gap to the noise.",
+    "explained": "Explained: the remaining error is at the measurement noise.",
+    "partly_explained": "Partly explained: an error above the noise remains.",
     "unexplained": "Unexplained: no effect in the catalogue accounts for the gap.",
 }
 
 RETUNED_FAR = (
-    "No effect is named: parameters that the model has bring the gap to the noise, but they change by more than 25 %."
+    "No effect is named: the model's own parameters reduce the gap to the noise, but change by more than 25 %."
 )
 MOST_RETUNED = 6  # most base parameters listed, those that changed most
 DELIVERED = {
-    "names and plain": "model.xml holds the names and all that the plain fit changes: the names alone predict worse.",
-    "names of MJCF and plain": "model.xml has the plain fit in place of the names that only effects.json holds.",
-    "plain": "model.xml is the plain fit, without names: it predicts held-out episodes better than any names.",
-    "given": "model.xml is the model as given: nothing that was fitted predicts held-out episodes better.",
+    "names and plain": "model.xml has the named effects and all changes of the plain fit: with the named effects only, "
+    "it predicts worse.",
+    "names of MJCF and plain": "model.xml has the plain fit in place of the named effects that MJCF cannot express "
+    "(effects.json has them).",
+    "plain": "model.xml is the plain fit, without named effects: it predicts held-out episodes better than with them.",
+    "given": "model.xml is the model as given: no fitted model predicts held-out episodes better.",
 }
 
 
@@ -31,7 +33,7 @@ def summarise(report: GapReport, folder: Path) -> str:
     """Return the main results of a report and the paths of its files."""
     lines = list_findings(report)
     if (folder / "phi").is_dir() and not (report.shares and report.shares.learned):
-        lines.append(f"{folder / 'phi'} is what an earlier report learned on top; --learn replaces it")
+        lines.append(f"{folder / 'phi'} is the φ of an earlier report; --learn replaces it")
     return "\n".join([*lines, f"{folder / 'report.html'}", f"{folder / 'model.xml'}"])
 
 
@@ -44,12 +46,12 @@ def list_findings(report: GapReport) -> list[str]:
         lines += [check.finding for check in found.audit if check.check == "model" and not check.ok]
     lines += map(describe_effect, report.effects)
     lines += [
-        f"{entry.joint}: still {entry.ratio_to_noise:.1f} times the noise; goes with {entry.goes_with}"
+        f"{entry.joint}: still {entry.ratio_to_noise:.1f} times the noise; correlates with {entry.goes_with}"
         for entry in report.unexplained
     ]
     by_change = sorted(report.retuned, key=lambda entry: (not entry.at_bound, -abs(math.log(entry.factor))))
     changed = [
-        f"{entry.parameter} × {entry.factor:.3f}{' (on its bound)' if entry.at_bound else ''}"
+        f"{entry.parameter} × {entry.factor:.3f}{' (at its bound)' if entry.at_bound else ''}"
         for entry in by_change[:MOST_RETUNED]
     ]
     if changed:

@@ -80,7 +80,7 @@ def name_and_report(
     say("add: write the model with the effects")
     naming, outcome = deliver(problem, named, folder, say)
     if learn:
-        say("learn: φ on what the names leave")
+        say("learn: φ on the remaining gap")
         outcome = replace(outcome, learned=train_on_top(problem, outcome.model, learn, say))
     experiment = propose_experiment(problem, named, folder, say) if naming.findings else Proposal()
     report = compose(problem, found, naming, outcome, experiment, time.monotonic() - began)
@@ -88,7 +88,7 @@ def name_and_report(
     write_difference(folder, problem.as_given, problem.names[1])
     report.write(folder)
     write_series(folder, problem, naming, outcome)
-    say("show: draw it")
+    say("show: write the report")
     show(folder)
     return report.with_files(folder)
 
@@ -130,7 +130,7 @@ def propose_experiment(problem: Problem, naming: Naming, folder: Path, say: Repo
     rival = naming.least_sure_rival
     if rival is None:
         return Proposal()
-    say("comparing experiments that would settle the most doubtful name")
+    say("simulating experiments that would test the least certain name")
     firm = {name: factor for name, factor in naming.final.factors.items() if name.endswith(FIRM)}
     pair = (
         Rival(naming.final.effects, dict(naming.final.factors)),

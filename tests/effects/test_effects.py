@@ -263,7 +263,7 @@ def test_effects_files_hold_lists_or_reports(tmp_path):
         ('[{"effect": "backlash", "joint": "m3", "parameters": {"half_width": true}}]', "half_width is True"),
         ('[{"effect": "backlash", "joint": "m3", "parameters": {"half_width": NaN}}]', "half_width is nan"),
         ('[{"effect": "backlash", "joint": "m3", "parameters": 0.02}]', "must be an object of numbers"),
-        ('["backlash"]', "'backlash' is no effect"),
+        ('["backlash"]', "'backlash' is not an effect"),
         ('{"effects": {"effect": "backlash"}}', "is not a list of effects"),
         ('[{"effect": ["backlash"]}]', "There is no effect"),
     ],
@@ -282,11 +282,11 @@ def test_mistakes_are_answered_with_choices():
         parse("backlash:joint=m3,width=0.1")
     with pytest.raises(OptionError, match=r"half_width; given: none\."):
         parse("backlash:joint=m3")
-    with pytest.raises(OptionError, match="sits in a joint"):
+    with pytest.raises(OptionError, match="belongs to a joint"):
         parse("backlash:half_width=0.1")
     with pytest.raises(OptionError, match="whole arm"):
         parse("payload:joint=m3,mass=0.1")
-    with pytest.raises(OptionError, match="no number"):
+    with pytest.raises(OptionError, match="not a number"):
         parse("payload:mass=heavy")
     with pytest.raises(JointMismatch, match="m1, m2"):
         arm(typical("backlash", joint="elbow"))

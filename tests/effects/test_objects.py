@@ -35,7 +35,7 @@ def test_only_the_puck_is_an_object():
 
 @pytest.mark.parametrize("name", ["object_mass", "object_friction"])
 def test_a_scene_without_an_object_is_refused(name):
-    with pytest.raises(ModelFileError, match=f"{name} acts on a pushed object"):
+    with pytest.raises(ModelFileError, match=f"{name} needs a pushed object"):
         add_effects(find_robot("ergojr").spec(), [parse(f"{name}:factor=2")])
 
 

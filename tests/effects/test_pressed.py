@@ -147,7 +147,7 @@ def test_a_model_with_pads_is_an_arm_like_any_other():
 
 def test_a_pad_is_refused_where_it_would_rub_something_else():
     """Beside play the body turns by servo and play, and the servo's friction acts on the servo alone."""
-    with pytest.raises(ModelFileError, match="alone on its body"):
+    with pytest.raises(ModelFileError, match="the only joint of its body"):
         arm(make_effect("backlash", "m2", {"half_width": 0.02}), pressed(0.3, "m2"))
     with pytest.raises(ModelFileError, match="already"):
         arm(pressed(0.3, "m2"), pressed(0.3, "m2"))

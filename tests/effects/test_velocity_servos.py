@@ -64,7 +64,7 @@ def test_the_narrower_of_two_speed_limits_holds():
 
 @pytest.mark.parametrize("name", ["servo_stiffness:joint=j,factor=0.5", "servo_damping:joint=j,factor=0.5"])
 def test_a_motor_has_no_gain_to_change(name):
-    with pytest.raises(ModelFileError, match=r"acts on a position servo, and .*<intvelocity>"):
+    with pytest.raises(ModelFileError, match=r"needs a position servo, but .*<intvelocity>"):
         model_of(MOTOR, name)
 
 

@@ -84,7 +84,7 @@ def test_the_signs_of_joints_that_are_not_commanded_positions_are_said_to_be_unk
     problem = Problem.of(record("mixed", ""), tmp_path / "arm.xml", None)
     found = find(problem.dataset, problem.evidence, problem.as_given, problem.train.floor)
     (signs,) = [check for check in found.audit if check.check == "signs"]
-    assert signs.ok and signs.finding.endswith("Not compared, as their commands are no positions: g.")
+    assert signs.ok and signs.finding.endswith("Not compared, because their commands are not positions: g.")
 
 
 @pytest.mark.slow

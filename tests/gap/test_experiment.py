@@ -117,7 +117,9 @@ def test_rivals_that_are_the_same_are_said_to_be_inseparable(arm, experiment):
     apart = compute_separations(arm, (PLAY, PLAY), chosen, FLOOR, ("elbow",))
     assert apart.max() < 0.5
     worst = experiment.table[0].__class__(experiment.table[0].trial, float(apart.max()), "elbow", 12.0)
-    assert describe_experiment(worst, (PLAY, FRICTION), JOINTS).startswith("nothing tried separates backlash from")
+    assert describe_experiment(worst, (PLAY, FRICTION), JOINTS).startswith(
+        "no simulated experiment separates backlash from"
+    )
 
 
 def test_rivals_of_one_name_are_told_apart_by_their_joints(experiment):

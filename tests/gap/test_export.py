@@ -170,7 +170,7 @@ def test_the_command_writes_the_parameters_beside_the_model(kind, arm, tmp_path,
         delay, gain = rows["", "command_delay"], rows["a", "gain"]
         assert [float(delay[name]) for name in ("value", "low", "high")] == pytest.approx([0.02, 0.018, 0.024])
         assert float(gain["value"]) == pytest.approx(4.4) and gain["low"] == gain["high"] == ""
-        assert "parameters.csv" in said.out and "which no interval is known of" in said.err
+        assert "parameters.csv" in said.out and "because they have no interval" in said.err
     else:
         content = json.loads((tmp_path / "out/bam/a.json").read_text())
         assert content["command_delay"] == 0.02 and content["friction_viscous"] == pytest.approx(0.08)

@@ -91,7 +91,7 @@ def test_only_what_nothing_else_determines_is_held(kind: str, tmp_path: Path):
     added = [after.equality(number).name for number in range(before.neq, after.neq)]
     assert added == [f"{joint}_held" for joint in held]
     assert given.notes == (
-        (f"Held at their reference, as the recording lacks them: {', '.join(held)}.",) if held else ()
+        (f"Held at their reference, because the recording lacks them: {', '.join(held)}.",) if held else ()
     )
 
 

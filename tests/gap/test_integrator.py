@@ -66,7 +66,7 @@ def test_it_is_said_in_a_line(integrator: str, tmp_path: Path, capsys):
     told = capsys.readouterr().out
     assert f"The model's integrator, {integrator}, diverges with stiff effects" in told
     assert main(["gap", "find", str(data), "--model", str(arm(tmp_path, "implicitfast"))]) == 0
-    assert "It is simulated as it was handed over." in capsys.readouterr().out
+    assert "It is simulated as given." in capsys.readouterr().out
 
 
 def test_the_summary_repeats_it(tmp_path: Path):

@@ -29,7 +29,7 @@ VERDICTS = {
     "unexplained": {"effects": [], "placebo": None, "unexplained": [REST], "shares": None},
 }
 SAID = {
-    "none": "Nothing is missing: on held-out episodes the model arm.xml errs by 1.19°",
+    "none": "Nothing is missing: on held-out episodes the model arm.xml has an error of 1.19°",
     "retuned": "Nothing is missing: the model arm.xml only needs 2 numbers that it already has changed",
     "explained": "The gap between the model arm.xml and the recording comes from backlash in m2: with it,",
     "partly_explained": "recording probably comes in part from backlash in m2 and command delay (whole arm): with",
@@ -38,13 +38,13 @@ SAID = {
 
 
 ORDER = [
-    "What to change",
+    "Changes of the model",
     "How the gap shrinks",
-    "Where the gap is",
+    "Where the gap is largest",
     "The names",
     "Measured, before and after",
     "A wrong name in its place",
-    "What stays unexplained",
+    "What remains unexplained",
     "What to record next",
     "The recording",
     "Commands, hashes and versions",
@@ -99,9 +99,9 @@ def test_values_stand_in_friendly_units_beside_si(tmp_path):
     assert "Added: backlash in m2 (half width 0.991° (0.0173 rad))" in text
     assert "half width 0.991° (0.0173 rad) 0.928° … 1.05° 97 % (sure) –" in text
     assert "delay 31.4 ms (0.0314 s)" in text
-    assert "64 % (a guess, not more) – rotor inertia in m1" in text
-    assert "A model file cannot quite hold command delay (whole arm): effects.json does" in text
-    assert "still 6.3 times the noise; it goes with position" in text
+    assert "64 % (a guess) – rotor inertia in m1" in text
+    assert "MJCF cannot express command delay (whole arm) exactly: effects.json has the exact effect" in text
+    assert "still 6.3 times the noise; it correlates with position" in text
     assert "−6.6 %" in text
     assert "play and friction look alike" in text
     assert "look: commands look one row late" in text
@@ -116,9 +116,9 @@ def test_every_number_comes_from_the_files(tmp_path):
 
 
 def test_what_the_written_file_alone_leaves_is_told_where_it_is_more(page, tmp_path):
-    assert "computed from model.xml, read back" in text_of(page)
+    assert "computed with the written model.xml" in text_of(page)
     gap = {**REPORT["gap"], "after_model_xml": 0.0047}
-    assert "it alone leaves 0.269°" in text_of(show(written(tmp_path, {"gap": gap})))
+    assert "its error is 0.269°" in text_of(show(written(tmp_path, {"gap": gap})))
 
 
 def test_figures_are_written_and_every_chart_stands_on_the_page(page):

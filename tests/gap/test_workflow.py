@@ -129,9 +129,9 @@ def test_a_wrong_model_gets_a_sentence(change: str, sentence: str, arm: Path, tm
 @pytest.mark.parametrize(
     ("mine", "sentence"),
     [
-        ("figures/photo.png", "holds figures, which no gap report wrote"),
-        ("model.xml", "holds model.xml, which no gap report wrote"),
-        ("phi/checkpoint/config.json", "holds phi, which no gap report wrote"),
+        ("figures/photo.png", "holds figures, which is not a file of a gap report"),
+        ("model.xml", "holds model.xml, which is not a file of a gap report"),
+        ("phi/checkpoint/config.json", "holds phi, which is not a file of a gap report"),
     ],
 )
 def test_a_report_replaces_nothing_but_a_report(mine: str, sentence: str, arm: Path, tmp_path: Path, capsys):

@@ -29,7 +29,7 @@ def find_objects(model: mujoco.MjModel, effect: str) -> list[int]:
     bodies = [body for body in range(model.nbody) if int(model.body_treeid[body]) in free & colliding]
     if not bodies:
         raise ModelFileError(
-            f"{effect} acts on a pushed object; the model has none: add a body with a free joint, or with slides or "
+            f"{effect} needs a pushed object, and the model has none: add a body with a free joint, or with slides or "
             "hinges that no actuator drives, whose geoms collide."
         )
     return bodies

@@ -70,10 +70,10 @@ def refuse_joint(spec: mujoco.MjSpec, joint: str) -> None:
     hinge = spec.joint(joint)
     if hinge.type != mujoco.mjtJoint.mjJNT_HINGE or len(hinge.parent.joints) > 1:
         raise ModelFileError(
-            f"Friction under load cannot be written for the joint '{joint}': only for a hinge alone on its body."
+            f"load_friction cannot be added to the joint '{joint}': it must be a hinge and the only joint of its body."
         )
     if spec.joint(joint + PAD) is not None:
-        raise ModelFileError(f"The joint '{joint}' has friction under load in its model already.")
+        raise ModelFileError(f"The joint '{joint}' has load friction in its model already.")
 
 
 def enable_contacts(spec: mujoco.MjSpec) -> None:

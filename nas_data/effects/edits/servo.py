@@ -32,7 +32,7 @@ def find_position_servo(
     if read_position_feedback(actuator) <= 0 or not (may_integrate or is_position_controlled(actuator)):
         kinds = "<position>, <pid> or <intvelocity>" if may_integrate else "<position> or <pid>"
         raise ModelFileError(
-            f"{effect} acts on a position servo, and the actuator '{actuator.name}' of the joint '{joint}' is none: "
+            f"{effect} needs a position servo, but the actuator '{actuator.name}' of the joint '{joint}' is not one: "
             f"give a model whose actuators are {kinds}."
         )
     return actuator

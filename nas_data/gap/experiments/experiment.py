@@ -106,7 +106,8 @@ def describe_experiment(best: RatedExperiment, rivals: tuple[Rival, Rival], join
     one, two = (describe_difference(rival, other) for rival, other in (rivals, rivals[::-1]))
     if best.separation < MIN_SEPARATION:
         return (
-            f"nothing tried separates {one} from {two}: at best, in {best.trial.name}, the two models would differ by "
+            f"no simulated experiment separates {one} from {two}: at best, in {best.trial.name}, the two models would "
+            "differ by "
             f"{best.separation:.1f} times the noise; a finer sensor or more load would be needed"
         )
     place = "all joints" if len(best.trial.moved) == len(joints) > 1 else " and ".join(best.trial.moved)

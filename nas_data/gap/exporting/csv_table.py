@@ -27,5 +27,5 @@ def write_table(folder: Path, quantities: Sequence[Quantity]) -> tuple[Path, lis
             writer.writerow(row + [""] * (len(HEADER) - len(row)))
     unknown = sum(quantity.interval is None for quantity in quantities)
     return path, [
-        f"ranges of {unknown} of {count_of(len(quantities), 'number')}, which no interval is known of"
+        f"ranges of {unknown} of {count_of(len(quantities), 'number')}, because they have no interval"
     ] if unknown else []

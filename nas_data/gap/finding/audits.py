@@ -81,12 +81,14 @@ TIMING_CHECKS = ("time_backwards", "repeated_time", "rate", "irregular_time", "t
 def check_timing(examined: Examined) -> Check:
     """Report where the recorder's clock contradicts evenly spaced rows."""
     if TIME not in examined.dataset.columns:
-        return Check("timing", "The recorder's clock was not kept (nas.time): rows are taken as evenly spaced.")
+        return Check("timing", "The recording has no clock (nas.time): rows are treated as evenly spaced.")
     advice = (
-        "import the recording again with [resample] in its map, or with --uniform a LeRobot dataset of which only the "
-        "time stamps are uneven"
+        "import the recording again with [resample] in its map, or, if only the time stamps of a LeRobot dataset are "
+        "uneven, with --uniform"
     )
-    return summarise_audits("timing", examined, TIMING_CHECKS, "The rows came evenly, at the dataset's rate.", advice)
+    return summarise_audits(
+        "timing", examined, TIMING_CHECKS, "The rows are evenly spaced, at the dataset's rate.", advice
+    )
 
 
 def check_repeated_samples(examined: Examined) -> Check:
@@ -95,7 +97,7 @@ def check_repeated_samples(examined: Examined) -> Check:
         "repeated samples",
         examined,
         ("repeated_samples", "frozen_reading"),
-        "No reading repeats the one before while the arm moves.",
+        "No reading repeats the previous one while the arm moves.",
     )
 
 
@@ -106,7 +108,7 @@ def check_velocities(examined: Examined) -> Check:
     """Report joints whose velocities do not match their positions."""
     if has_derived_velocities(examined.dataset):
         return Check("velocities", "Velocities were derived from the positions; one-step errors carry their noise.")
-    advice = "one-step predictions start where the arm never was: import again with velocity = 'derive'"
+    advice = "one-step predictions start from wrong states: import again with velocity = 'derive'"
     sound = "The recorded velocities are those of the positions, in size and in time."
     return summarise_audits("velocities", examined, VELOCITIES_CHECKS, sound, advice)
 
@@ -128,17 +130,17 @@ def check_contacts(examined: Examined) -> Check:
     """Report bodies of the model that penetrate in measured poses."""
     found = sorted(examined.overlaps, key=lambda overlap: (-overlap.share, -overlap.depth))
     if not found:
-        return Check("contacts", "Nowhere does the measured arm go through what the model touches.")
+        return Check("contacts", "Shapes of the model overlap in no measured pose.")
     each = [
         f"{one.text} by up to {1000 * one.depth:.0f} mm in {format_percent(one.share)} of the rows" for one in found
     ]
     more = [f"{len(each) - SHOWN_PAIRS} more pairs"] if len(each) > SHOWN_PAIRS else []
     return Check(
         "contacts",
-        "Where the arm was measured, shapes of the model lie in each other: "
+        "In measured poses, shapes of the model overlap: "
         f"{join_items([*each[:SHOWN_PAIRS], *more])}. "
-        "It moves as if they did not touch. These contacts are left out of the search and of the model that it writes; "
-        "check the zeros of the joints, what the arm stands on, and the model's shapes.",
+        "The arm moves as if they did not touch. These contacts are disabled in the search and in model.xml; check the "
+        "zeros of the joints, what the arm stands on, and the model's shapes.",
         ok=False,
     )
 
@@ -176,7 +178,7 @@ def find_unmoved_joints(evidence: EpisodeBatch, floor: np.ndarray) -> np.ndarray
 def check_model(examined: Examined) -> Check:
     """Repeat the notes from loading the model."""
     notes = examined.nominal.notes
-    return Check("model", " ".join(notes) or "It is simulated as it was handed over.", ok=not notes)
+    return Check("model", " ".join(notes) or "It is simulated as given.", ok=not notes)
 
 
 REPORTED_SHARE = 0.01  # share of the rows above which a joint is reported
@@ -193,11 +195,13 @@ def check_saturation(examined: Examined) -> Check:
     if (saturated > REPORTED_SHARE).any():
         notes.append(f"the model's servo is at its torque limit in {describe_shares(examined, saturated)}")
     if (saturated > EXCESSIVE_SHARE).any():
-        notes.append("most of the time at the limit is a gain (kp) too high for its torque: look at the model")
+        notes.append(
+            "a servo that is at its limit most of the time has too high a gain (kp) for its torque: check the model"
+        )
     if (beyond > REPORTED_SHARE).any():
         notes.append(
-            f"commands leave the model's range in {describe_shares(examined, beyond)}: the model cuts them off, "
-            "the robot may have done otherwise"
+            f"commands leave the model's range in {describe_shares(examined, beyond)}: the model clips them, the robot "
+            "may not have"
         )
     if not notes:
         return Check(
@@ -231,14 +235,16 @@ def check_signs(examined: Examined) -> Check:
     """Compare the position errors of resting servos with the model's gravity."""
     dataset = examined.dataset
     if not dataset.positional.any():
-        return Check("signs", "Not compared with gravity: the commands are no positions.")
+        return Check("signs", "Not compared with gravity: the commands are not positions.")
     skipped = [joint for joint, positional in zip(dataset.joints, dataset.positional, strict=True) if not positional]
-    rest = f" Not compared, as their commands are no positions: {join_items(skipped)}." if skipped else ""
+    rest = f" Not compared, because their commands are not positions: {join_items(skipped)}." if skipped else ""
     found = check_against_gravity(keep_torque_on(dataset), examined.nominal.spec.copy().compile())
     if not found:
-        return Check("signs", f"Servos at rest hold the loads that the model's gravity makes.{rest}")
+        return Check("signs", f"The loads of servos at rest agree with the model's gravity.{rest}")
     what = join_items([finding.what for finding in found])
-    remedy = "Check sign and zero of these joints in the map, or their axis in the model, before you look for effects."
+    remedy = (
+        "Check sign and zero of these joints in the map, or their axis in the model, before you search for effects."
+    )
     return Check("signs", f"{what}. {remedy}{rest}", ok=False)
 
 
@@ -246,7 +252,7 @@ def check_torque(examined: Examined) -> Check:
     """Report how many rows are left out."""
     dataset = examined.dataset
     if TORQUE not in dataset.columns:
-        return Check("torque off", "The recording does not say whether the servos were powered; they are taken to be.")
+        return Check("torque off", "The recording does not say whether the servos were powered; this is assumed.")
     off = ~find_torque_on(dataset)
     if not off.any():
         return Check("torque off", "The servos were powered in every row.")

@@ -25,7 +25,7 @@ def check_command_shift(examined: Examined) -> Check:
     best, visible = find_best_shifts(examined)
     if not best.any():
         return Check(
-            "command shift", "No joint follows its commands clearly better when they are moved by one or two rows."
+            "command shift", "No joint follows its commands clearly better when these are shifted by one or two rows."
         )
     notes, ok = [], True
     for shift in np.unique(best[best != 0]).tolist():
@@ -48,26 +48,27 @@ def describe_shift(joints: str, shift: int, slip: bool, period: float) -> str:
     amount = f"{count_of(abs(shift), 'row')} ({abs(shift) * period * 1e3:.3g} ms)"
     if shift > SLIPS:
         return (
-            f"The motion of {joints} is {amount} or more later than in the model, which is more than a log's order "
-            "slips: a servo slower than the model, or a command_delay."
+            f"The motion of {joints} is {amount} or more later than in the model, which is more than misaligned rows "
+            "of a log explain: the servo is slower than the model, or there is a command_delay."
         )
     if not slip:
         later, slower = ("later", "a command_delay, or a servo slower") if shift > 0 else ("earlier", "a servo faster")
         return (
-            f"The motion of {joints} starts about {amount} {later} than in the model, that of most joints not "
-            f"clearly: rather {slower} than the model, than a slip of the log."
+            f"The motion of {joints} starts about {amount} {later} than in the model, but most joints show no clear "
+            f"shift: {slower} than the model is more likely than misaligned rows of the log."
         )
     if shift < 0:
         return (
-            f"Commands look {amount} late: the motion of {joints} starts before the logged commands would make it. "
-            "No delay does that. If the state of a row is the answer to its command, import the log with alignment = "
-            "'state_follows_action' in the map, which moves commands up by one row; else check the model's speed."
+            f"Commands look {amount} late: the motion of {joints} starts before the logged commands. No delay can "
+            "cause this. If the state of a row was read after its command was sent, import the log with alignment = "
+            "'state_follows_action' in the map, which shifts commands up by one row; otherwise check the speed of the "
+            "model."
         )
     return (
         f"Commands look {amount} early: the motion of {joints} starts later than in the model. The log may pair each "
         "state with a command sent later: if its map says alignment = 'state_follows_action', import it with "
-        "'action_follows_state', which moves commands down by one row. Or it is real: a command_delay, or a servo "
-        "slower than the model."
+        "'action_follows_state', which shifts commands down by one row. Otherwise the lag is real: a command_delay, or "
+        "a servo slower than the model."
     )
 
 

@@ -40,13 +40,13 @@ def check_motion(recorded: RecordedRows, floor: np.ndarray) -> list[str]:
     notes = []
     if steady.any():
         notes.append(
-            f"What is missing at {join_chosen(evidence, steady)} cannot be decided, because its command never changes: "
-            "record commands that move it."
+            f"What is missing at {join_chosen(evidence, steady)} cannot be decided, because the command never "
+            "changes: record motion there."
         )
     if (still & ~steady).any():
         notes.append(
-            f"{join_chosen(evidence, still & ~steady)} never moves although it is commanded to, so no effect there can "
-            "be told from a servo that is released, stuck or not connected."
+            f"{join_chosen(evidence, still & ~steady)} never moves although it is commanded to, so an effect there "
+            "cannot be distinguished from a servo that is released, stuck or not connected."
         )
     return notes
 
@@ -88,10 +88,10 @@ def check_episodes(recorded: RecordedRows, regimes: Sequence[Bin]) -> list[str]:
     tested = sum(measured.chance < 1 for measured in regimes)
     count, needed = len(recorded.evidence), count_episodes_needed(tested)
     if count < 2:
-        return ["There is one episode only, so nothing can be checked on another: record several, or divide it."]
+        return ["There is one episode only, so no episode can be held out: record several, or divide it."]
     if tested and count < needed:
         return [
-            f"In which regimes the gap is larger cannot be decided beyond chance from {count_of(count, 'episode')}; "
+            f"{count_of(count, 'episode')} are too few to decide in which regimes the gap is significantly larger; "
             f"{needed} would be enough."
         ]
     return []

@@ -29,7 +29,7 @@ def describe_findings(
         "Recording\n"
         + "\n".join(f"  {'ok   ' if check.ok else 'LOOK '}{check.check}: {check.finding}" for check in audit),
         format_joint_table(joints),
-        "Where the error is (open loop; larger beyond chance)\n" + format_regimes(joints, regimes),
+        "Where the error is significantly larger (open loop)\n" + format_regimes(joints, regimes),
     ]
     if undecidable:
         parts.append("What cannot be decided\n" + "\n".join(f"  {sentence}" for sentence in undecidable))
@@ -64,13 +64,16 @@ def format_regimes(joints: Mapping[str, JointGap], regimes: Sequence[Bin]) -> st
         notes = [describe_bin(measured, unit) for measured in worst] + describe_direction_errors(bins, gap.floor, unit)
         if notes and gap.ratio_to_noise > SHOWN_FLOORS:
             lines.append(f"  {joint}  " + "; ".join(notes))
-    return "\n".join(lines) if lines else "  nowhere in particular"
+    return "\n".join(lines) if lines else "  nowhere"
 
 
 def describe_bin(measured: Bin, unit: JointUnit) -> str:
     """Return a bin with its error and that of the other rows."""
     here, rest = unit.text(measured.rmse), unit.text(measured.rest)
-    return f"{measured.regime}: {measured.bin} {here} (else {rest}, {100 * measured.share:.0f} % of all)"
+    return (
+        f"{measured.regime}: {measured.bin} {here} (other rows {rest}; {100 * measured.share:.0f} % of the squared "
+        "error)"
+    )
 
 
 def describe_direction_errors(bins: Sequence[Bin], floor: float, unit: JointUnit) -> list[str]:
@@ -84,4 +87,4 @@ def describe_direction_errors(bins: Sequence[Bin], floor: float, unit: JointUnit
         return []
     ahead = "is ahead of" if forth.mean > 0 else "lags"
     ends = ", ".join(f"{unit.factor * way.mean:+.2f}{unit.mark}" for way in (back, forth))
-    return [f"the model {ahead} the motion both ways ({ends})"]
+    return [f"the model {ahead} the motion in both directions ({ends})"]

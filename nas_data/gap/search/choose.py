@@ -141,7 +141,7 @@ def review(search: Search, h: Hypothesis) -> Hypothesis:
 
 def search_down(search: Search, plain: Hypothesis) -> Hypothesis:
     """Write the plain fit as effects, and drop parts that are not worth their price."""
-    search.say("  writing the plain fit as effects")
+    search.say("  converting the plain fit to effects")
     description = convert_to_effects(search, plain)
     parameters = description.parameters(search.train.nominal.base)
     known = convert_columns(plain.fit, parameters)
@@ -149,7 +149,7 @@ def search_down(search: Search, plain: Hypothesis) -> Hypothesis:
     if found is None:
         return search.rescore(plain)
     named = search.relinearise(search.evaluate(description, found))
-    search.report("  as effects", named)
+    search.report("  plain fit as effects", named)
     return apply_moves(search, named, ("share_value", "drop"))
 
 

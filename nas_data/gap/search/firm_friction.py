@@ -34,7 +34,9 @@ def make_friction_firm(search: Search, kept: Hypothesis) -> tuple[Hypothesis, Ma
         search.make_friction_firm({name: more})
         other = leave_out(search, kept, effect)
         if other is not None and measure_loss(other) < measure_loss(kept) + PRICE:
-            search.say(f"{effect.name()} at {effect.joint}: only the firmer friction of the joint counts")
+            search.say(
+                f"{effect.name()} at {effect.joint}: not needed, because the joint's firmer friction explains it"
+            )
             kept, firm = other, {**firm, name: firm.get(name, 1.0) * more}
         else:
             search.train = train

@@ -315,7 +315,7 @@ class Search:
         left = " ".join(f"{ratio:.1f}" for ratio in ratios)
         if len(ratios) > SHOWN_JOINTS:
             left = f"{ratios.min():.1f} to {ratios.max():.1f}"
-        self.say(f"{word}: {h.describe(SHOWN_PARTS)}; score {h.score.nats:.1f}, {left} noise floors left")
+        self.say(f"{word}: {h.describe(SHOWN_PARTS)}; score {h.score.nats:.1f}, {left} noise floors")
 
 
 def choose_episodes(task: FitTask) -> np.ndarray:

@@ -31,7 +31,7 @@ def break_tie(search: Search, train: FitTask, kept: Hypothesis) -> Hypothesis:
         restarted = train.reestimate(rival.fit.parameters, rival.fit.theta).with_tolerance_of(task)
         other = refit_on_task(restarted, rival, own)
         if other is not None and other.loss + rival.description.price < own.loss + kept.description.price:
-            search.report("on all episodes it yields to", rival)
+            search.report("on all episodes, replaced by", rival)
             return rival
     return kept
 

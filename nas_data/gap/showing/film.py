@@ -68,8 +68,8 @@ def draw_film(model: Path, report: GapReport, series: Series) -> ShortFilm:
         mp4 = Path(place, "film.mp4").read_bytes()
     first, end = series.time[rows.start], series.time[rows.stop - 1]
     caption = (
-        f"Episode {series.episodes[episode]}, {first:.1f} to {end:.1f} s: the stretch where the model as handed over "
-        f"is farthest off. Grey: measured. Blue: {BEFORE}. Orange: {last}. Both models follow the commands alone."
+        f"Episode {series.episodes[episode]}, {first:.1f} to {end:.1f} s: the interval with the largest error of the "
+        f"given model. Grey: measured. Blue: {BEFORE}. Orange: {last}. Both models receive commands only."
     )
     return ShortFilm(mp4, caption)
 

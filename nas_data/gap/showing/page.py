@@ -32,22 +32,23 @@ from nas_data.reports.style import to_png
 
 READING = (
     "Gap: every held-out episode is simulated from its first pose with the recorded commands alone (open loop). The "
-    "result is compared with the measured positions. No number was fitted to these episodes; they did decide which "
+    "result is compared with the measured positions. No parameter was fitted to these episodes, but they decided which "
     "effects were kept.",
     "Noise floor: the error that rounding and noise of the readings leave, or 0.03 % of the joint's travel if that is "
     "more. A model can be below it where the readings are finer.",
-    "Confidence: how likely name and joint are right. Of names given with 90 %, nine in ten should be.",
-    "Interval: where the parameter lies with 95 %, if the name is right.",
+    "Confidence: probability that effect and joint are right. Of names with 90 %, nine in ten should be right.",
+    "Interval: 95 % interval of the parameter, if the name is right.",
     "Stable: whether two halves of the recording agree on the joint's parameters.",
-    "Equals: effects that these data cannot tell from the one named. Read them as: one of these.",
+    "Equals: effects that these data cannot distinguish from the named one. The cause is one of them.",
     "Retuned: masses, gains, damping, rotor inertia and friction of a real arm are some percent off its model. They "
     "were free within ±25 % throughout, so that no effect is named for what they explain.",
 )
 SIDES = (
-    "Both sides as MuJoCo writes them, numbers rounded to six digits, so that only what changes shows. model.xml in "
+    "Both models as MuJoCo saves them, with numbers rounded to six digits, so that only real changes appear. model.xml "
+    "in "
     "the report's folder is the whole model with the changes."
 )
-NOT_WRITTEN = "A model file cannot quite hold {}: effects.json does, and model.xml has what comes nearest."
+NOT_WRITTEN = "MJCF cannot express {} exactly: effects.json has the exact effect, model.xml the nearest one."
 
 
 def read_page(folder: Path) -> HtmlPage:
@@ -64,13 +65,13 @@ def build_page(report: GapReport, series: Series, folder: Path) -> HtmlPage:
     slides = describe_slides(report)
     sections = [
         PageSection("", [Text(describe_verdict(report), lead=True), *([Text(slides)] if slides else [])]),
-        PageSection("What to change", make_change_blocks(report, folder)),
+        PageSection("Changes of the model", make_change_blocks(report, folder)),
         PageSection("How the gap shrinks", make_error_blocks(report, series)),
-        PageSection("Where the gap is", make_place_blocks(report)),
+        PageSection("Where the gap is largest", make_place_blocks(report)),
         PageSection("The names", make_effects_blocks(report)),
         PageSection("Measured, before and after", make_motion_blocks(report, series, folder)),
         PageSection("A wrong name in its place", make_placebo_blocks(report, series)),
-        PageSection("What stays unexplained", make_unexplained_blocks(report)),
+        PageSection("What remains unexplained", make_unexplained_blocks(report)),
         PageSection("What to record next", make_next_experiment_blocks(report)),
         PageSection("The recording", tables.make_audit_facts(report)),
         PageSection("Commands, hashes and versions", [tables.describe_origin(report)]),
@@ -95,7 +96,7 @@ def make_change_blocks(report: GapReport, folder: Path) -> list[Block]:
     blocks += [Text(NOT_WRITTEN.format(join_items(missing)))] if missing else []
     if report.retuned:
         blocks.append(tables.make_retuned_table(report))
-    return blocks or [Text("Nothing: the model is kept as it was handed over.")]
+    return blocks or [Text("Nothing: the model is unchanged.")]
 
 
 def describe_values(effect: NamedEffect) -> str:
@@ -145,7 +146,7 @@ def make_unexplained_blocks(report: GapReport) -> list[Block]:
     if report.unexplained:
         return [*[Text(describe_rest(entry)) for entry in report.unexplained], *open_questions]
     return [
-        Text("Nothing that stands out: no joint's error on the held-out episodes stays clearly above the noise."),
+        Text("Nothing: no joint's error on the held-out episodes stays clearly above the noise."),
         *open_questions,
     ]
 
@@ -160,7 +161,7 @@ def make_placebo_blocks(report: GapReport, series: Series) -> list[Block]:
         Text(
             f"{capitalise(text)}: with the same freedom to fit, this placebo leaves "
             f"{format_value(placebo.after, gap.unit)} of the {format_error(gap, 'before')} before. "
-            f"What is named leaves {format_error(gap, 'after')}. If the placebo does as well, do not believe the name."
+            f"The named effects leave {format_error(gap, 'after')}. If the placebo does as well, do not trust the name."
         ),
         *charts.draw_placebo_errors(series),
     ]
@@ -170,7 +171,7 @@ def make_next_experiment_blocks(report: GapReport) -> list[Block]:
     """Return the proposed experiment."""
     text = report.next_experiment
     if not text:
-        return [Text("Nothing in particular: no rival explanation is close enough to be worth an experiment.")]
+        return [Text("Nothing: no rival explanation is close enough to need an experiment.")]
     return [Text(f"{capitalise(text.rstrip('.'))}."), *tables.make_experiments_table(report)]
 
 

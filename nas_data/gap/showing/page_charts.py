@@ -121,9 +121,9 @@ def draw_bar_chart(name: str, caption: str, traces: Sequence[Trace], title: str)
 
 def explain_legend(report: GapReport) -> str:
     """Explain the names in the legends."""
-    parts = ["Before: the model as handed over", "retuned: its own numbers fitted, nothing added"]
+    parts = ["Before: the given model", "retuned: its own parameters fitted, nothing added"]
     parts += ["plain fit: every smooth parameter of every joint fitted, no name given"]
-    return "; ".join(parts + (["after: with what is named added"] if report.effects else []))
+    return "; ".join(parts + (["after: with the named effects"] if report.effects else []))
 
 
 def draw_joint_errors(report: GapReport, series: Series) -> list[Chart]:
@@ -163,7 +163,7 @@ def draw_errors_over_time(report: GapReport, series: Series) -> Chart:
         "shapes": [make_level_line(float(series.shown(np.array(series.overall_floor))), FLOOR, BLACK)],
     }
     caption = (
-        "How the error goes on from the start of an episode: median over the held-out episodes, band from the lower to "
+        "Error over the time since the start of an episode: median over the held-out episodes, band from the lower to "
         "the upper quartile. Every episode is predicted from its first pose and its commands alone."
     )
     return Chart("error_over_time", caption, make_spread(series.time[reached], quartiles, LOOKS), layout)
@@ -193,8 +193,8 @@ def draw_joint_chart(report: GapReport, series: Series, joint: int) -> Chart:
     aside = [{**trace, "visible": "legendonly"} if trace["name"] == PLACEBO else trace for trace in traces]
     errors = [f"{label} {format_value(series.by_joint(values)[joint], unit.si)}" for label, values in shown.items()]
     caption = (
-        f"{name} in episode {series.episodes[episode]}, which the model as handed over predicts worst of the held-out "
-        f"ones. The grey band is the noise floor. Error over all held-out episodes: {join_items(errors)}."
+        f"{name} in episode {series.episodes[episode]}, the held-out episode that the given model predicts worst. The "
+        f"grey band is the noise floor. Error over all held-out episodes: {join_items(errors)}."
     )
     return Chart("joint_" + re.sub(r"[^\w.-]", "_", name), caption, aside, layout, height=520)
 
@@ -231,7 +231,7 @@ def draw_regimes_chart(report: GapReport) -> list[Chart]:
         "hovermode": "closest",
     }
     caption = (
-        "Error of the model as handed over under each condition, in noise floors; 1 is perfect. A star marks what "
-        "differs from the joint's other rows by more than chance."
+        "Error of the given model under each condition, in noise floors; 1 is perfect. A star marks a significant "
+        "difference from the joint's other rows."
     )
     return [Chart("regimes", caption, [heat], layout, height=110 + 26 * len(places))]

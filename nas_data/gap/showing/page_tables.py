@@ -57,7 +57,7 @@ def is_stable(report: GapReport, effect: EffectName) -> str:
 def make_retuned_table(report: GapReport) -> HtmlTable:
     """Return the retuned parameters, largest change first."""
     rows = [make_retuned_row(entry) for entry in sorted(report.retuned, key=get_sort_key)]
-    return HtmlTable(("", "factor", "change"), rows, "Of the value in the model as handed over.")
+    return HtmlTable(("", "factor", "change"), rows, "Relative to the value in the given model.")
 
 
 def make_gap_table(series: Series, models: Models) -> HtmlTable:
@@ -88,8 +88,8 @@ def make_joints_table(report: GapReport) -> list[HtmlTable]:
     rows = [make_joint_row(joint, gap) for joint, gap in found.joints.items()]
     headers = ("", "noise", "one step", "(hold)", "open loop", "(hold)", "(command)", "open loop / noise")
     note = (
-        "RMSE over the whole recording, model as handed over. One step: set to every measured state anew. Hold "
-        "predicts that nothing moves, command that every joint is where it is told to be."
+        "RMSE over the whole recording, with the given model. One step: reset to each measured state. Hold predicts no "
+        "motion; command predicts that each joint is at its commanded position."
     )
     return [HtmlTable(headers, rows, note)]
 
@@ -110,7 +110,7 @@ def make_regimes_table(report: GapReport) -> list[HtmlTable]:
     units = {joint: gap.unit for joint, gap in found.joints.items()} if found else {}
     rows = [make_condition_row(entry, units) for entry in (select_largest(found.regimes) if found else [])]
     headers = ("", "condition", "error", "otherwise", "share of squared error")
-    return [HtmlTable(headers, rows, "Where the error is larger, beyond chance.")] if rows else []
+    return [HtmlTable(headers, rows, "Conditions in which the error is significantly larger.")] if rows else []
 
 
 def select_largest(bins: Sequence[Bin]) -> list[Bin]:
@@ -150,7 +150,10 @@ def make_experiments_table(report: GapReport) -> list[HtmlTable]:
         )
         for entry in report.experiments
     ]
-    note = "Difference of the two best explanations in each experiment, after one was fitted to the other."
+    note = (
+        "Difference between the predictions of the two best explanations in each experiment, after one was fitted "
+        "to the other."
+    )
     return [HtmlTable(("", "joints", "length", "difference"), rows, note)] if rows else []
 
 
@@ -169,7 +172,7 @@ def describe_origin(report: GapReport) -> Facts:
         "Seed": str(report.seed),
         "Time": f"{report.seconds:.0f} s",
         "Versions": ", ".join(f"{name} {version}" for name, version in source.versions.items()) if source else "",
-        "Beside this page": "report.json (these numbers), model.xml, model.diff, effects.json, series.npz, figures/",
+        "In the same folder": "report.json (these numbers), model.xml, model.diff, effects.json, series.npz, figures/",
     }
     return Facts({name: value for name, value in entries.items() if value})
 

@@ -95,7 +95,7 @@ def capitalise(text: str) -> str:
 
 def format_confidence(value: float) -> str:
     """Return a confidence with its interpretation."""
-    word = "sure" if value >= SURE else "likely" if value >= LIKELY else "a guess, not more"
+    word = "sure" if value >= SURE else "likely" if value >= LIKELY else "a guess"
     percent = f"{100 * value:.0f} %" if value < CERTAIN else f"over {100 * CERTAIN:.0f} %"
     return f"{percent} ({word})"
 
@@ -112,7 +112,7 @@ def describe_alternatives(effect: NamedEffect) -> list[str]:
         f"{format_effect_title(other)} ({format_value(other.heldout_error_after, unit)})"
         for other in effect.alternatives
     ]
-    return [f"In its place, this error would be left by {join_items(parts)}."] if parts else []
+    return [f"Error with another effect in its place: {join_items(parts)}."] if parts else []
 
 
 def describe_signature(name: str) -> list[str]:
@@ -121,7 +121,7 @@ def describe_signature(name: str) -> list[str]:
         known = find_effect(name).signature
     except UnknownName:
         return []
-    return [f"Its mark: {known[:1].lower()}{known[1:]}"] if known else []
+    return [f"Its signature: {known[:1].lower()}{known[1:]}"] if known else []
 
 
 def describe_verdict(report: GapReport) -> str:
@@ -138,7 +138,7 @@ def describe_slides(report: GapReport) -> str:
         return ""
     return (
         f"These are errors of the hinges; that of the slides goes from {format_error(gap, 'before')} to "
-        f"{format_error(gap, 'after')}, beside a noise of {format_error(gap, 'noise_floor')}."
+        f"{format_error(gap, 'after')}, with a noise floor of {format_error(gap, 'noise_floor')}."
     )
 
 
@@ -152,9 +152,8 @@ def describe_none(report: GapReport) -> str:
     """Describe that there is no gap."""
     gap = report.gap
     return (
-        f"Nothing is missing: on held-out episodes {describe_model(report)} errs by {format_error(gap, 'before')}, "
-        "which is "
-        f"what the noise of the readings, {format_error(gap, 'noise_floor')}, lets one expect."
+        f"Nothing is missing: on held-out episodes {describe_model(report)} has an error of "
+        f"{format_error(gap, 'before')}, which the noise of the readings, {format_error(gap, 'noise_floor')}, explains."
     )
 
 
@@ -196,10 +195,8 @@ def describe_unexplained(report: GapReport) -> str:
     how = "when all its smooth parameters are fitted" if gap.delivered == "plain" else "when its own are retuned"
     return (
         f"Something is missing in {describe_model(report)} that no effect in the catalogue "
-        f"explains{describe_places(report)}: on "
-        f"held-out episodes it errs by {format_error(gap, 'before')}, by {format_error(gap, 'after')} {how}, and the "
-        "noise of the "
-        f"readings is {format_error(gap, 'noise_floor')}."
+        f"explains{describe_places(report)}: its error on held-out episodes is {format_error(gap, 'before')}, "
+        f"{format_error(gap, 'after')} {how}, and the noise of the readings is {format_error(gap, 'noise_floor')}."
     )
 
 
@@ -240,7 +237,7 @@ def describe_places(report: GapReport) -> str:
 def describe_rest(entry: Unexplained) -> str:
     """Return the remaining error of a joint."""
     ratio = format_figures(entry.ratio_to_noise, 2)
-    return f"{entry.joint}: the error is still {ratio} times the noise; it goes with {entry.goes_with}."
+    return f"{entry.joint}: the error is still {ratio} times the noise; it correlates with {entry.goes_with}."
 
 
 def make_retuned_row(factor: Retuned) -> tuple[str, str, str]:
@@ -248,7 +245,7 @@ def make_retuned_row(factor: Retuned) -> tuple[str, str, str]:
     percent = 100 * (factor.factor - 1)
     joint, _, kind = factor.parameter.rpartition(".")
     sign = "+" if percent > 0 else "−"
-    bound = ", on its bound" if factor.at_bound else ""
+    bound = ", at its bound" if factor.at_bound else ""
     return f"{joint} {kind}".strip(), format_figures(factor.factor), f"{sign}{abs(percent):.1f} %{bound}"
 
 
@@ -262,8 +259,8 @@ def describe_score_basis(report: GapReport) -> str:
     gap = report.gap
     alone = gap.after if gap.after_model_xml is None else gap.after_model_xml
     if format_value(alone, gap.unit) == format_error(gap, "after"):
-        return "The errors called after were computed from model.xml, read back."
+        return "Errors labelled 'after' were computed with the written model.xml."
     return (
-        f"The errors called after are those of the effects named, of which model.xml cannot hold all; it alone "
-        f"leaves {format_value(alone, gap.unit)}."
+        "Errors labelled 'after' are those of all named effects. model.xml cannot express all of them; its error is "
+        f"{format_value(alone, gap.unit)}."
     )

@@ -38,7 +38,7 @@ def drop_one(search: Search, h: Hypothesis) -> Hypothesis:
     without none, the best is fitted to convergence first. If episodes begin in motion, it is also fitted with its own
     initial velocities.
     """
-    search.say(f"  dropping one of {count_of(len(list_parts(h)), 'part')}, if one is not worth its price")
+    search.say(f"  dropping one of {count_of(len(list_parts(h)), 'part')}, if its likelihood gain is below its penalty")
     losses = estimate_losses(search, h)
     order = sorted(losses, key=lambda part: losses[part])[:SHORTLIST]
     doubted = [order[0], *(part for part in order[1:] if losses[part] < FAR_BEHIND)]  # estimates are inaccurate

@@ -12,5 +12,5 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
     found = search.fit_description(h.description.with_effects(effects), h.fit.factors, h.fit, jacobian_refreshes=1)
     if found is None or found.score >= h.score:
         return h
-    search.report("  in detail", found)
+    search.report("  with optional parameters", found)
     return found

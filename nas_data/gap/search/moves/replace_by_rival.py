@@ -20,7 +20,7 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
     if len(h.effects) == 1 and frozenset(map(effect_key, h.effects)) in search.clear_winners:
         return h
     numbers = select_doubted(search, h)
-    search.say(f"  letting {len(numbers)} of {count_of(len(h.effects), 'effect')} face rivals")
+    search.say(f"  fitting rivals of {len(numbers)} of {count_of(len(h.effects), 'effect')}")
     add_rivals(search, h, numbers)
     for _ in range(MAX_ROUNDS):
         found = find_better_rival(search, h, select_doubted(search, h))
