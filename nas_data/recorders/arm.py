@@ -141,7 +141,7 @@ class RecordingJob:
             except TRANSIENT_ERRORS as error:
                 if not left:
                     raise
-                self._say(f"{error} Episode {number} is recorded anew.")
+                self._say(f"{error} Episode {number} is recorded again.")
                 motion = self._retake_arm(guarded, number)
             else:
                 missed = int(episode.missed(motion.period).sum())
@@ -165,7 +165,7 @@ class RecordingJob:
     def _cool(self, motion: ArmMotion, pose: np.ndarray) -> None:
         """Wait in the rest pose until the warmest servo has cooled."""
         self.tally.pauses += 1
-        self._say(f"A servo has {motion.vitals.temperature.max():.0f} °C; the arm rests until it is cooler.")
+        self._say(f"A servo has {motion.vitals.temperature.max():.0f} °C; the arm pauses until it is cooler.")
         motion.cool(pose, self._job.hot)
 
     def _retake_arm(self, guarded: GuardedArm, number: int) -> ArmMotion:

@@ -114,8 +114,8 @@ def draw_plan(
                 key=plan_key(robot, protocol, rate, speed),
             )
     raise OptionError(
-        f"Of {count_of(len(fates), 'episode')} of {session.task} only {len(commands)} touch neither the arm nor the "
-        "floor; use "
+        f"Of {count_of(len(fates), 'episode')} of {session.task}, only {len(commands)} are free of contact with the "
+        "arm itself and the floor; use "
         "less of the joints' range (--excitation NAME:share=0.5)."
     )
 

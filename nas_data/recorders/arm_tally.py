@@ -96,14 +96,15 @@ class RecordingQuality:
         stats = self.stats
         lines = [
             f"{self.late} late readings ({self.late_share:.3%}), {self.repeated} repeated, {stats.missed} missed; "
-            f"{count_of(stats.anew, 'episode')} recorded anew, {count_of(stats.retries, 'reading')} tried again",
+            f"{count_of(stats.anew, 'episode')} recorded again, {count_of(stats.retries, 'reading')} read more than "
+            "once",
             f"{self.rate:.2f} Hz by the clock, longest step {self.longest_step * 1e3:.1f} ms; servos up to "
             f"{self.warmest:.0f} °C, supply down to {self.lowest_voltage:.1f} V, {stats.pauses} pauses to cool",
         ]
         if self.repeated_share > SUSPICIOUS:
             lines.append(
-                f"warning: {self.repeated_share:.0%} of the readings repeat the one before while the arm moves: what "
-                f"answers renews its registers at about {self.rate * (1 - self.repeated_share):.0f} Hz; check the "
+                f"warning: {self.repeated_share:.0%} of the readings repeat the previous one while the arm moves: the "
+                f"servos or the adapter update at about {self.rate * (1 - self.repeated_share):.0f} Hz; check the "
                 "adapter's latency timer."
             )
         return lines

@@ -50,14 +50,14 @@ def refuse_strangers(arm: "LeRobotArm") -> None:
         counts = [arm.line.count_replies(identity, arm.start, arm.end - arm.start) for _ in range(TRIES)]
         if 2 * sum(sound > 1 for sound, _ in counts) > TRIES or all(damaged and not sound for sound, damaged in counts):
             raise DuplicateId(
-                f"Two servos answer as {identity}; unplug all but one of them and give it its own identity "
+                f"Two servos have the ID {identity}; unplug all but one of them and give it its own ID "
                 "(lerobot-setup-motors)."
             )
     missing = [str(identity) for identity in arm.ids if identity not in here]
     if missing:
         raise ServoSilent(
-            f"Servo {', '.join(missing)} does not answer, {', '.join(map(str, here))} do; check its plug and its "
-            "identity (lerobot-setup-motors gives identities)."
+            f"Servo {', '.join(missing)} does not answer, {', '.join(map(str, here))} do; check its plug and its ID "
+            "(lerobot-setup-motors sets IDs)."
         )
     for motor in arm.bus.motors.values():
         known = arm.bus.model_number_table[motor.model]
@@ -102,7 +102,7 @@ def refuse_outside(arm: "LeRobotArm", positions: np.ndarray) -> None:
             unit = find_joint_unit(joint, frame.slides)
             digits = 0 if unit is HINGE else 1
             raise OutsideLimits(
-                f"{joint} stands at {unit.text(position, digits)}, outside {unit.factor * low:.{digits}f} … "
+                f"{joint} is at {unit.text(position, digits)}, outside {unit.factor * low:.{digits}f} … "
                 f"{unit.text(high, digits)}; move it there by hand (the torque is off), or calibrate the arm."
             )
 
@@ -122,7 +122,7 @@ def refuse_unfit(name: str, health: Health, lowest: float) -> None:
     if health.errors & OVERHEAT:
         raise ServoHot(f"{name} shut down at {health.temperature} °C; let it cool, {again}")
     if health.errors & OVERLOAD:
-        raise ServoOverloaded(f"{name} shut down by overload; free what blocks it, {again}")
+        raise ServoOverloaded(f"{name} shut down by overload; remove the obstacle, {again}")
     if health.errors & VOLTAGE:
         raise SupplyLow(
             f"{name} gets {health.voltage:.1f} V and needs {lowest:.1f} V or more, within its limit; check the supply."

@@ -202,8 +202,8 @@ def default_model(kind: str, model: str | None) -> Robot:
         if model:
             raise
         raise OptionError(
-            f"nas has no model of a {kind}, without which nobody knows what it would touch; give one whose joints are "
-            "named as LeRobot's motors: --model MODEL.xml."
+            f"nas has no model of a {kind}, which is needed to avoid collisions; give one whose joints are named as "
+            "LeRobot's motors: --model MODEL.xml."
         ) from None
 
 
@@ -227,8 +227,8 @@ def _refuse_other_robots(request: RobotRequest, robot: LeRobot) -> None:
     bus = getattr(robot, "bus", None)
     if bus is None or not hasattr(bus, "model_ctrl_table"):
         raise OptionError(
-            f"A {request.kind} is no arm on one line of Feetech or Dynamixel servos, such as so101_follower, "
-            "so100_follower, koch_follower; record it with lerobot-record and take it in with nas import."
+            f"A {request.kind} is not an arm on one bus of Feetech or Dynamixel servos, such as so101_follower, "
+            "so100_follower, koch_follower; record it with lerobot-record, and import the recording with nas import."
         )
     if getattr(robot, "cameras", None):
         raise OptionError("nas records joints, not pictures; leave --robot.cameras out.")

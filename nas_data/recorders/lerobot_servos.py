@@ -64,7 +64,9 @@ def find_family(bus: SerialMotorsBus) -> Family:
     for kind in type(bus).__mro__:
         if kind.__name__ in FAMILIES:
             return FAMILIES[kind.__name__]
-    raise OptionError(f"{type(bus).__name__} is no line of Feetech or Dynamixel servos, which nas can record.")
+    raise OptionError(
+        f"{type(bus).__name__} is not a bus of Feetech or Dynamixel servos, the kinds that nas can record."
+    )
 
 
 def list_shared_registers(bus: SerialMotorsBus) -> Mapping[str, tuple[int, int]]:

@@ -122,7 +122,7 @@ def find_logs(paths: Sequence[Path], mapping: Map) -> list[Path]:
     seen: set[Path] = set()
     for log in logs:
         if log.resolve() in seen:
-            raise LogError(f"{log} is named twice; an episode must not be in a dataset two times.")
+            raise LogError(f"{log} is given twice; give it once.")
         seen.add(log.resolve())
     return logs
 

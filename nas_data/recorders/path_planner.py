@@ -57,7 +57,7 @@ class PathPlanner:
             if self.is_free(np.stack([begin, *corners])):
                 return np.stack(corners)
         raise PathBlocked(
-            f"On the slow way to its next pose the arm would touch {self.obstacle(begin, end)}; move it upright by "
+            f"On its slow motion to the next pose the arm would touch {self.obstacle(begin, end)}; move it upright by "
             "hand (the torque is off) and start again."
         )
 
@@ -92,7 +92,7 @@ class PathPlanner:
             new = find_contacts(self._simulator, pose).keys() - known
             if new:
                 return " with ".join(reversed(min(new)))
-        return "what it touches now even more"
+        return "what it already touches"
 
     def touches(self, pose: np.ndarray) -> bool:
         """Whether a pose [rad; m], shape (n,), is in contact."""

@@ -27,7 +27,7 @@ def describe_progress(root: Path, count: int, wanted: int) -> str:
     """Return a sentence on how many of the wanted episodes are saved, and how to resume."""
     if not count:
         return "Nothing was recorded yet."
-    return f"{count} of {count_of(wanted, 'episode')} are saved in {root}; the same command goes on from there."
+    return f"{count} of {count_of(wanted, 'episode')} are saved in {root}; run the same command to continue."
 
 
 def make_other_recording_error(root: Path, what: str, option: str = "--name") -> OptionError:
@@ -39,7 +39,8 @@ def make_other_recording_error(root: Path, what: str, option: str = "--name") ->
         option: Command-line option that chooses another name.
     """
     return OptionError(
-        f"{root} was begun with {what}; give the same to go on, --finish to make a dataset of it, or another {option}."
+        f"{root} was started with {what}; give the same to continue, --finish to make a dataset of the saved episodes, "
+        f"or another {option}."
     )
 
 

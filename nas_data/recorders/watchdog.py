@@ -23,7 +23,7 @@ HANG = 1.0  # [s] after its deadline at which a silent process counts as hung
 PATIENCE = 2.0  # [s] to wait for the port of a dead process to become free
 CHUNK = 4096
 DIED = "The recorder died"
-HUNG = f"The recorder hung for {HANG:g} s and was ended"
+HUNG = f"The recorder did not respond for {HANG:g} s and was ended"
 
 
 class Watchdog:
@@ -47,7 +47,7 @@ class Watchdog:
             self._tell(repr(float(seconds)).encode())
         except BrokenPipeError:
             raise GuardLost(
-                "The process that guards the arm is gone, so the arm was stopped; start the same command again."
+                "The watchdog process of the arm ended, so the arm was stopped; run the same command again."
             ) from None
 
     def release(self) -> None:

@@ -223,12 +223,12 @@ def test_servos_without_sync_read_are_read_one_by_one():
     [
         ("unplugged:servo=3", errors.ServoSilent, "Servo 3 does not answer, 1, 2, 4, 5, 6 do; check its plug"),
         ("wrong_model:servo=5", errors.WrongModel, "Servo 5 has model number 1190; an XL-320 has 350"),
-        ("duplicate_id", errors.DuplicateId, "Two servos answer as 3; unplug all but one"),
-        ("duplicate_id:return_delay=0", errors.DuplicateId, "Two servos answer as 3; unplug all but one"),
+        ("duplicate_id", errors.DuplicateId, "Two servos have the ID 3; unplug all but one"),
+        ("duplicate_id:return_delay=0", errors.DuplicateId, "Two servos have the ID 3; unplug all but one"),
         ("undervoltage:volts=5.4", errors.SupplyLow, "gets 5.4 V; an XL-320 needs 6 V"),
-        ("overload:servo=4", errors.ServoOverloaded, r"Servo 4 \(m4\) shut down by overload; free what blocks it"),
+        ("overload:servo=4", errors.ServoOverloaded, r"Servo 4 \(m4\) shut down by overload; remove the obstacle"),
         ("overheat:servo=6", errors.ServoHot, r"Servo 6 \(m6\) shut down at 80 °C; let it cool"),
-        ("bent:servo=1,radians=1.9", errors.OutsideLimits, "m1 stands at 109°, outside -90 … 90°; move it there"),
+        ("bent:servo=1,radians=1.9", errors.OutsideLimits, "m1 is at 109°, outside -90 … 90°; move it there"),
         ("lost_packet:share=1", errors.NobodyAnswers, "No servo answers on .*; switch the supply on"),
     ],
 )
@@ -463,7 +463,7 @@ def test_a_virtual_arm_leaves_the_zeros_of_a_real_one_alone(folder, capsys):
     before = path.read_bytes()
     code, _, err = run(capsys, "--port", "virtual", "--fault", "zeroed", "--calibrate")
     assert code == 2
-    assert "say where to keep them: --calibration FILE" in err
+    assert "give another file for them: --calibration FILE" in err
     assert "Zeros: not calibrated" in run(capsys, "--port", "virtual")[1]
     assert path.read_bytes() == before
 
@@ -471,9 +471,9 @@ def test_a_virtual_arm_leaves_the_zeros_of_a_real_one_alone(folder, capsys):
 def test_a_servo_gets_another_identity(bus, folder, capsys):
     code, out, _ = run(capsys, "--port", bus.port, "--rename", "6:9")
     assert code == 1
-    assert "Servo 9 is no servo of this arm" in out
+    assert "Servo 9 is not a servo of this arm" in out
     assert run(capsys, "--port", bus.port, "--rename", "9:6")[0] == 0
-    assert "already answers as 5" in run(capsys, "--port", bus.port, "--rename", "6:5")[2]
+    assert "ID 5 already answers" in run(capsys, "--port", bus.port, "--rename", "6:5")[2]
 
 
 @pytest.mark.parametrize(
@@ -486,7 +486,7 @@ def test_a_servo_gets_another_identity(bus, folder, capsys):
         (("--port", "virtual", "--fault", "overload:servo=two"), "is not a fault"),
         (("--port", "virtual", "--effect", "gremlins"), "gremlins"),
         (("--port", "virtual", "--effect", "backlash:joint=m9,half_width=0.03"), "names the joint 'm9'"),
-        (("--port", "virtual", "--effect", "object_mass:factor=2"), "acts on a pushed object"),
+        (("--port", "virtual", "--effect", "object_mass:factor=2"), "needs a pushed object"),
         (("--port", "virtual", "--fault", "unplugged:servo=12"), "names servo 12; the virtual arm has: 1, 2"),
         (("--port", "virtual", "--fault", "overload:servo=3,after=2", "--fault", "unplugged"), "has: 1, 2, 4, 5, 6"),
         (("--port", "virtual", "--fault", "bent:servo=0"), "bends servo 0; the virtual arm has 1 to 6"),

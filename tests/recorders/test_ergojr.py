@@ -198,7 +198,7 @@ def test_an_arm_that_is_slower_than_the_recorder_is_found_out(capsys):
     # registers that are renewed only every other reading, as the authors' recordings had them
     assert record(*LOCKSTEP, "--episodes", "1", "--excitation", "sine:share=0.3", "--fault", "stale:every=2") == 0
     assert "warning: " in (said := capsys.readouterr().out)
-    assert "repeat the one before while the arm moves" in said
+    assert "repeat the previous one while the arm moves" in said
     assert read(finished()).columns[REPEATED].mean() > 0.2
 
 
@@ -231,7 +231,7 @@ def test_a_fault_ends_in_one_sentence_and_what_is_saved_is_kept(capfd, monkeypat
     said = capfd.readouterr().err.splitlines()[-1]
     assert said.startswith("nas: ")
     assert words in said
-    assert "the same command goes on from there" in said
+    assert "run the same command to continue" in said
     kept = read(UNDER_WAY)
     assert 0 < kept.n_episodes < 12
     assert f"{kept.n_episodes} of 12 episodes are saved" in said
@@ -293,7 +293,7 @@ def test_an_arm_that_goes_unheard_while_it_is_taken_is_taken_again(monkeypatch, 
 def test_a_hot_arm_rests(capfd):
     hot = ("--fault", "overheat:celsius=58,after=2", "--fault", "overheat:celsius=30,after=5")
     assert record(*LOCKSTEP, "--episodes", "4", *hot) == 0
-    assert "A servo has 58 °C; the arm rests until it is cooler." in capfd.readouterr().err
+    assert "A servo has 58 °C; the arm pauses until it is cooler." in capfd.readouterr().err
     assert read_provenance(finished()).target["tally"]["pauses"] == 1
 
 
@@ -312,7 +312,7 @@ def test_a_hot_arm_rests(capfd):
         ((*LOCKSTEP, "--p-gain", "300"), "p_gain is 300"),
         ((*LOCKSTEP, "--excitation", "dance"), "dance"),
         ((*LOCKSTEP, "--calibration", "absent.json"), "absent.json is no calibration"),
-        ((*LOCKSTEP, "--finish"), "Nothing is saved in"),
+        ((*LOCKSTEP, "--finish"), "There are no saved episodes in"),
         ((*LOCKSTEP, "--joints", "m9"), "no joint 'm9'"),
     ],
 )
@@ -443,7 +443,9 @@ def test_a_recorder_that_hangs_is_ended_and_leaves_no_torque():
             said = process.stderr.readline()  # the guard inherited it
             while "hung" not in said:
                 said = process.stderr.readline()
-        assert f"The recorder hung for 1 s and was ended; the torque of the arm on {bus.port} was switched off." in said
+        assert (
+            f"The recorder did not respond for 1 s and was ended; the torque of the arm on {bus.port} was switched off."
+        ) in said
         assert torques(bus.port) == [0] * 6
         assert saved() == kept
 
@@ -470,7 +472,7 @@ def test_an_arm_is_not_moved_without_its_guard(bus):
     watchdog = Watchdog(Xl320(port=bus.port, joints=JOINTS))
     watchdog._process.kill()
     watchdog._process.wait()
-    with pytest.raises(GuardLost, match="guards the arm is gone"):
+    with pytest.raises(GuardLost, match="watchdog process of the arm ended"):
         watchdog.extend_deadline(1.0)
     watchdog.release()
 

@@ -260,7 +260,7 @@ def wait_for_safety(known: LeRobotDriver) -> list[int]:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--robot.type", "so101_follower"), "Give --robot.port PORT, or --port virtual"),
+        (("--robot.type", "so101_follower"), "give the arm's port, --robot.port PORT, or --port virtual"),
         (("--robot.type", "so99_follower", "--port", "virtual"), "no model of a so99_follower"),
         (("--robot.type", "so99_follower", "--model", "ergojr", "--port", "virtual"), "no robot 'so99_follower'"),
         (("--robot.type", "so100_follower", "--port", "virtual"), "--model MODEL.xml"),
@@ -308,14 +308,14 @@ def test_an_arm_that_must_not_be_moved_is_refused_and_each_reason_named(folder):
         arm = driver(folder, bus.port).open()
         arm.check()
         for fault, kind, words in (
-            ("bent:servo=1,radians=2.2", errors.OutsideLimits, "shoulder_pan stands at 126°, outside -110 … 110°"),
+            ("bent:servo=1,radians=2.2", errors.OutsideLimits, "shoulder_pan is at 126°, outside -110 … 110°"),
             (
                 "wrong_model:servo=5",
                 errors.WrongModel,
                 r"Servo 5 \(wrist_roll\) has model number 1190; a sts3215 has 777",
             ),
             ("unplugged:servo=6", errors.ServoSilent, "Servo 6 does not answer, 1, 2, 3, 4, 5 do"),
-            ("duplicate_id:servo=4,identity=3", errors.DuplicateId, "Two servos answer as 3"),
+            ("duplicate_id:servo=4,identity=3", errors.DuplicateId, "Two servos have the ID 3"),
         ):
             bus.inject(fault)
             time.sleep(0.1)

@@ -53,7 +53,7 @@ def make_safe(arm: Stoppable) -> str:
     try:
         arm.torque_off()
     except ArmError as error:
-        return f"The torque could not be switched off; switch the supply off. {error}"
+        return f"The torque could not be switched off; switch the power supply off. {error}"
     unconfirmed = [str(identity) for identity in arm.find_unconfirmed()]
     if unconfirmed:
         return f"Servo {', '.join(unconfirmed)} did not confirm that its torque is off; switch the supply off."

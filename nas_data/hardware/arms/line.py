@@ -58,7 +58,7 @@ class Register:
         """
         bits = value if value >= 0 else (256**self.size + value if self.sign == -1 else -value | 1 << (self.sign or 0))
         if self.signed(bits) != value or bits >= 256**self.size:
-            raise ServoRefused(f"{value} cannot be sent to a servo: {self.size} bytes do not hold it.")
+            raise ServoRefused(f"{value} cannot be sent to a servo: it does not fit into {self.size} bytes.")
         return list(bits.to_bytes(self.size, "little"))
 
 
@@ -124,7 +124,7 @@ class Line:
         if self.ping(identity):
             raise BadReply(
                 f"Servo {identity} answers, but not reliably; check its plugs, the supply, and that no two servos have "
-                "one identity."
+                "the same ID."
             )
         raise ServoSilent(f"Servo {identity} does not answer; check its plug and the plugs before it in the chain.")
 
@@ -159,7 +159,9 @@ class Line:
                 _, _ = self._packets.writeTxRx(self.port, identity, register.address, register.size, data)
             if self.read(identity, register) == value:
                 return
-        raise ServoRefused(f"Servo {identity} refuses {value} for address {register.address}; it keeps its own value.")
+        raise ServoRefused(
+            f"Servo {identity} refuses {value} for address {register.address}; its old value is unchanged."
+        )
 
     def write_all(self, register: Register, values: Sequence[int]) -> None:
         """Write a register of every servo in one packet, without confirmation.

@@ -38,7 +38,7 @@ class VirtualBus:
         self.port = self._process.stdout.readline().strip()
         if not self.port:
             self.stop()
-            raise ArmError("The virtual arm did not start; its process said why above.")
+            raise ArmError("The virtual arm did not start; its process printed the reason above.")
 
     def inject(self, fault: str) -> None:
         """Inject a fault, in command-line syntax."""

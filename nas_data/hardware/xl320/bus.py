@@ -176,7 +176,7 @@ class Bus:
                 _, error = self._handler.writeTxRx(self.port, identity, register.address, register.size, data)
             if self.get(identity, name) == value:
                 return
-        reason = REASONS.get(error & ~ALERT, "it keeps its own value")
+        reason = REASONS.get(error & ~ALERT, "its old value is unchanged")
         raise ServoRefused(f"Servo {identity} refuses {value} for {name.replace('_', ' ')}: {reason}.")
 
     def get(self, identity: int, name: str) -> int:
@@ -253,7 +253,7 @@ class Bus:
         if self.ping(identity):
             raise BadReply(
                 f"Servo {identity} answers, but not reliably; check its plugs, the supply, and that no two servos have "
-                "one identity."
+                "the same ID."
             )
         raise ServoSilent(f"Servo {identity} does not answer; check its plug and the plugs before it in the chain.")
 

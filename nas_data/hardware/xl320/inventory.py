@@ -50,9 +50,9 @@ def _find_unexpected(joints: Joints, answering: set[int]) -> Iterator[str]:
     """Yield sentences on missing and on additional servos."""
     for name, identity in zip(joints.names, joints.ids, strict=True):
         if identity not in answering:
-            yield f"Servo {identity} ({name}) does not answer; check its plug and its identity."
+            yield f"Servo {identity} ({name}) does not answer; check its plug and its ID."
     for identity in sorted(answering - set(joints.ids)):
-        yield f"Servo {identity} is no servo of this arm; rename it (--rename {identity}:NEW) or unplug it."
+        yield f"Servo {identity} is not a servo of this arm; rename it (--rename {identity}:NEW) or unplug it."
 
 
 def _find_unfit(arm: Xl320Arm, servos: list[FoundServo]) -> Iterator[str]:

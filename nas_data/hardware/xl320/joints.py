@@ -109,7 +109,7 @@ def compute_zero_offsets(joints: Joints, raw: np.ndarray) -> tuple[int, ...]:
     far = np.flatnonzero(np.abs(offsets) > REACH)
     if len(far):
         raise OptionError(
-            f"{joints.names[far[0]]} stands {abs(int(offsets[far[0]]))} ticks from its middle; put the arm into its "
+            f"{joints.names[far[0]]} is {abs(int(offsets[far[0]]))} ticks from its middle; put the arm into its "
             "zero pose (upright, all horns on their marks), or mount the horn again."
         )
     return tuple(offsets.tolist())
@@ -143,11 +143,12 @@ def read_calibration(path: Path, joints: Joints) -> Joints:
         numbers = [tuple(int(entry[key]) for key in ("id", "drive_mode", "homing_offset")) for entry in entries]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise OptionError(
-            f"{path} is no calibration of this arm ({error}); make one with nas robot ergojr --port PORT --calibrate."
+            f"{path} is not a calibration of this arm ({error}); make one with nas robot ergojr --port PORT "
+            "--calibrate."
         ) from None
     expected = [(identity, int(not direct)) for identity, direct in zip(joints.ids, joints.direct, strict=True)]
     if [number[:2] for number in numbers] != expected:
-        raise OptionError(f"{path} has other identities or directions than this arm; calibrate it again.")
+        raise OptionError(f"{path} has other IDs or directions than this arm; calibrate the arm again.")
     return joints.with_offsets(tuple(number[2] for number in numbers))
 
 

@@ -76,7 +76,7 @@ def survey(bus: Bus, identities: Sequence[int]) -> list[FoundServo]:
     if missing:
         raise ServoSilent(
             f"Servo {', '.join(missing)} does not answer, {', '.join(map(str, answering))} do; check its plug and its "
-            "identity (a new servo has 1, and two with one identity cannot be told apart)."
+            "ID (a new servo has ID 1, and two servos with one ID cannot be distinguished)."
         )
     found = [read_servo(bus, identity) for identity in identities]
     for servo in found:
@@ -102,8 +102,8 @@ def refuse_duplicates(bus: Bus, identities: Sequence[int]) -> None:
         counts = [bus.count_replies(identity, FEEDBACK, MOVING_PART) for _ in range(TRIES)]
         if 2 * sum(sound > 1 for sound, _ in counts) > TRIES or all(damaged and not sound for sound, damaged in counts):
             raise DuplicateId(
-                f"Two servos answer as {identity}; unplug all but one of them and give it its own identity "
-                f"(nas robot ergojr --port PORT --rename {identity}:NEW)."
+                f"Two servos have the ID {identity}; unplug all but one of them and give it its own ID (nas robot "
+                f"ergojr --port PORT --rename {identity}:NEW)."
             )
 
 
@@ -131,7 +131,7 @@ def refuse_unfit(name: str, health: Health) -> None:
     if health.errors & OVERHEAT:
         raise ServoHot(f"{name} shut down at {health.temperature} °C; let it cool below {COOL} °C, {again}")
     if health.errors & OVERLOAD:
-        raise ServoOverloaded(f"{name} shut down by overload; free what blocks it, {again}")
+        raise ServoOverloaded(f"{name} shut down by overload; remove the obstacle, {again}")
     if health.voltage < LOWEST_VOLTAGE:
         raise SupplyLow(
             f"{name} gets {health.voltage:.1f} V; an XL-320 needs 6 V: charge or exchange the supply (7.4 V)."
@@ -149,6 +149,6 @@ def refuse_outside(joints: Joints, positions: np.ndarray) -> None:
     for joint, position, low, high in zip(joints.names, positions, joints.low, joints.high, strict=True):
         if not low - MARGIN <= position <= high + MARGIN:
             raise OutsideLimits(
-                f"{joint} stands at {np.degrees(position):.0f}°, outside {np.degrees(low):.0f} … "
+                f"{joint} is at {np.degrees(position):.0f}°, outside {np.degrees(low):.0f} … "
                 f"{np.degrees(high):.0f}°; move it there by hand (the torque is off), or calibrate the arm."
             )
