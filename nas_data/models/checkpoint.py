@@ -66,7 +66,7 @@ def load_for_inference(folder: Path | str) -> DynamicsModel:
     except (OSError, LookupError, ValueError, TypeError, RuntimeError, SafetensorError) as error:
         reason = str(error).splitlines()[0].rstrip(".")
         raise CheckpointError(
-            f"{folder} is no checkpoint as `nas train` wrote it ({reason}); restore its files or train it again."
+            f"{folder} is not a checkpoint of `nas train` ({reason}); restore its files or train it again."
         ) from None
     return model.eval().requires_grad_(False)
 
@@ -79,7 +79,7 @@ def read_config(path: Path) -> DynamicsModel:
     """
     config = json.loads(path.read_text(encoding="utf-8"))
     if not isinstance(config, dict):
-        raise ValueError(f"{CONFIG} is no JSON object")
+        raise ValueError(f"{CONFIG} is not a JSON object")
     known = inspect.signature(DynamicsModel.__init__).parameters
     lacking = [name for name in ("kind", "joints") if name not in config]
     if lacking or not set(config) <= set(known):

@@ -81,7 +81,7 @@ class TrainingOptions:
         if min(self.epochs, self.updates, self.segment, self.patience, self.seed) < 0:
             raise OptionError("Epochs, updates, segment, patience and seed must not be negative.")
         if self.symmetric and self.corrects != "command":
-            raise OptionError("Only φ that corrects commands is bound to a symmetry.")
+            raise OptionError("A symmetry needs a φ that corrects commands.")
 
 
 FEW = TrainingOptions(

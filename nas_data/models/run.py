@@ -160,14 +160,15 @@ class TrainingRun:
         content = torch.load(path, weights_only=True, map_location=self.training.device)
         if content["identity"] != self._format_identity():
             raise OutputExists(
-                f"{self.folder} holds an unfinished training of other options, data or source; remove it."
+                f"{self.folder} contains an unfinished training with other options, data or source; remove it or "
+                "choose another --out."
             )
         self.training.model.load_state_dict(content["model"])
         self.optimiser.adamw.load_state_dict(content["optimiser"])
         if self.optimiser.average is not None:
             self.optimiser.average.load_state_dict(content["average"])
         self.progress = TrainingProgress(**content["progress"])
-        self.report(f"going on at update {self.progress.update} of {self.folder}")
+        self.report(f"continuing at update {self.progress.update} of {self.folder}")
 
     def _check_empty(self) -> None:
         """Raise OutputExists unless the folder is empty, except for a partially written state."""
@@ -176,7 +177,7 @@ class TrainingRun:
         if (self.folder / HISTORY).is_file() and (self.folder / CHECKPOINT / checkpoint.CONFIG).is_file():
             raise OutputExists(self._describe_finished())
         if self.folder.exists():
-            raise OutputExists(f"{self.folder} exists and holds something else; choose another --out or remove it.")
+            raise OutputExists(f"{self.folder} exists and is not a training; choose another --out or remove it.")
 
     def _describe_finished(self) -> str:
         """Return the error for a folder with a finished training: this one or another one."""

@@ -96,7 +96,7 @@ def read_symmetry(model: mujoco.MjModel) -> tuple[tuple[str, ...], dict[str, flo
         return tuple(cyclic.split()), {joint: float(angle) for joint, angle in pairs}
     except ValueError:
         raise ModelFileError(
-            f"The model's text '{MIRROR}' is '{mirror}'; write joint=angle for each joint, with blanks."
+            f"The model's text '{MIRROR}' is '{mirror}'; write joint=angle for each joint, separated by spaces."
         ) from None
 
 

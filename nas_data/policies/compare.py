@@ -189,16 +189,15 @@ class Comparison:
             learning, judging = (int(self.diverged(method, when).sum()) for when in ("learning", "judging"))
             if learning or judging:
                 notes.append(
-                    f"{method}: {count_of(learning, 'episode', ',')} while learning and {judging} while judged left "
-                    "all bounds; each "
-                    "was ended there, with the least reward for every step that it still had."
+                    f"{method}: {count_of(learning, 'episode', ',')} in training and {judging} in evaluation diverged; "
+                    "each was ended there, with the lowest reward for each remaining step."
                 )
         return notes
 
     def shared(self) -> list[str]:
         """Return sentences on methods that share the policies of another."""
         return [
-            f"{method} learns where {self.study.trained_as(method)} does: they have the same policies."
+            f"{method} trains in the same environment as {self.study.trained_as(method)}: they share their policies."
             for method in self.study.methods
             if method not in self.study.trained
         ]

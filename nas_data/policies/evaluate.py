@@ -127,7 +127,7 @@ def score_policy(policy: Policy, plant: DynamicsSpec, episodes: int, stepper: St
         OptionError: no episodes are asked for.
     """
     if episodes < 1:
-        raise OptionError(f"{episodes} episodes cannot be judged; give --episodes 1 or more.")
+        raise OptionError(f"--episodes is {episodes}; it must be 1 or more.")
     check_fits(policy, plant.environment)
     return roll_out(plant.task, stepper or plant.stepper(episodes), lambda _: policy.act)
 
@@ -139,7 +139,9 @@ def check_fits(policy: Policy, environment: str) -> None:
         CheckpointError: the policy was trained for another environment.
     """
     if find_task_file(policy.environment) != find_task_file(environment):
-        raise CheckpointError(f"The policy was trained for {policy.environment}; it cannot be judged on {environment}.")
+        raise CheckpointError(
+            f"The policy was trained for {policy.environment}; it cannot be evaluated on {environment}."
+        )
 
 
 def score_baselines(plant: DynamicsSpec, episodes: int, stepper: Stepper | None = None) -> dict[str, Returns]:

@@ -115,7 +115,7 @@ def resume(ppo: PPO, normalised: VecNormalize, progress: list[Row], folder: Path
             running.count = float(tensors[f"statistics.{name}.count"])
         rows = tensors["progress"].tolist()
     except (OSError, SafetensorError, KeyError, RuntimeError, ValueError) as error:
-        raise CheckpointError(f"{path} cannot be gone on from ({error}); remove {folder} and train anew.") from None
+        raise CheckpointError(f"{path} cannot be resumed from ({error}); remove {folder} and train again.") from None
     kinds = [field.type for field in fields(Row)]
     progress[:] = [Row(*(int(v) if kind is int else v for kind, v in zip(kinds, row, strict=True))) for row in rows]
     ppo.num_timesteps = progress[-1].frames

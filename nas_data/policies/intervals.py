@@ -90,7 +90,7 @@ class Share:
     def __str__(self) -> str:
         """Return the share in per cent, with its interval unless all resamples are equal, as for a single seed."""
         if np.isnan(self.value):
-            return "nothing at stake"
+            return "undefined"
         if self.low == self.high:
             return f"{self.value:.0%}"
         return f"{self.value:.0%} [{self.low:.0%}, {self.high:.0%}]"
@@ -139,9 +139,9 @@ class ReturnRange:
         if self.shown:
             return None
         return (
-            f"Source and expert show no distance here (expert − source: {self.value:.2f} "
-            f"[{self.low:.2f}, {self.high:.2f}], {describe_bootstrap(self.seeds)}): nothing is at stake, and the share "
-            "of it that a method closes says nothing; make the gap larger."
+            f"Source and expert do not differ significantly here (expert − source: {self.value:.2f} "
+            f"[{self.low:.2f}, {self.high:.2f}], {describe_bootstrap(self.seeds)}), so the share of the distance that "
+            "a method closes is undefined; make the gap larger."
         )
 
     def describe(self) -> dict[str, object]:

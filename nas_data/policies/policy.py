@@ -194,7 +194,9 @@ def read_config(folder: Path) -> dict[str, object]:
     except (OSError, ValueError):
         config = None
     if not isinstance(config, dict) or config.get("kind") != "ppo":
-        raise CheckpointError(f"{path} is no policy's configuration; give a folder that `nas policy train` wrote.")
+        raise CheckpointError(
+            f"{path} is not the configuration of a policy; give a folder that `nas policy train` wrote."
+        )
     return config
 
 
@@ -215,7 +217,9 @@ def load_policy(folder: Path) -> Policy:
     layers = [f"{layer}.{part}" for layer in (*list_hidden_layers(tensors), OUTPUT) for part in ("weight", "bias")]
     missing = [name for name in (*layers, MEAN, VARIANCE) if name not in tensors]
     if missing:
-        raise CheckpointError(f"{path} lacks the tensor '{missing[0]}'; it is no policy that `nas policy train` wrote.")
+        raise CheckpointError(
+            f"{path} lacks the tensor '{missing[0]}'; it is not a policy that `nas policy train` wrote."
+        )
     return Policy(config=config, tensors=tensors)
 
 
@@ -245,4 +249,4 @@ def read_progress(folder: Path) -> dict[str, np.ndarray]:
             rows = list(csv.DictReader(file))
         return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
     except (OSError, ValueError, TypeError, IndexError) as error:
-        raise CheckpointError(f"{path} is no learning curve ({error}); train the policy again.") from None
+        raise CheckpointError(f"{path} is not a learning curve ({error}); train the policy again.") from None

@@ -236,13 +236,13 @@ def count_trained_rollouts(folder: Path, training: PolicyTraining, identity: Map
     if files.is_vacant(folder):
         return 0
     if not (folder / CONFIG).is_file():
-        raise OutputExists(f"{folder} exists and holds no policy; choose another --out.")
+        raise OutputExists(f"{folder} exists and is not a policy folder; choose another --out.")
     held = read_config(folder)
     different = [key for key, value in identity.items() if held.get(key) != value and key != "code"]
     if not different and held.get("code") != identity["code"]:
         raise OutputExists(
-            f"{folder} holds a policy that other code of nas_data trained: its task, its dynamics or PPO were changed "
-            "since; remove it or choose another --out."
+            f"{folder} contains a policy trained by another version of nas_data, in which its task, its dynamics or "
+            "PPO differ; remove it or choose another --out."
         )
     if different:
         raise OutputExists(
@@ -259,7 +259,9 @@ def describe_training_progress(row: files.Row, training: PolicyTraining) -> str:
     """Return a sentence on the progress of a training."""
     total = training.rollouts * training.hyperparameters.rollout
     rate = row.frames / row.seconds
-    scored = f"return {row.mean_return:.2f}, success {row.success_rate:.0%}" if row.episodes else "no episode over yet"
+    scored = (
+        (f"return {row.mean_return:.2f}, success {row.success_rate:.0%}") if row.episodes else "no episode finished yet"
+    )
     scored += f", {row.diverged} diverged" if row.diverged else ""
     return (
         f"{row.frames:,} of {total:,} frames, {scored}, {rate:,.0f} frames/s, {(total - row.frames) / rate:.0f} s left"

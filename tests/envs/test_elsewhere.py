@@ -76,7 +76,9 @@ def test_an_action_that_is_not_finite_is_refused_and_moves_nothing(task, bad):
     before = env.arena.stepper.states
     action = np.zeros(env.action_space.shape)
     action[-1] = BAD[bad]
-    with pytest.raises(ValueError, match=f"Number {len(action) - 1} of the action is {bad}; finite numbers are needed"):
+    with pytest.raises(
+        ValueError, match=f"Component {len(action) - 1} of the action is {bad}; finite numbers are needed"
+    ):
         env.step(action)
     np.testing.assert_array_equal(env.arena.stepper.states, before)
     assert env.arena.elapsed[0] == 0
@@ -87,7 +89,7 @@ def test_a_batch_refuses_an_action_that_is_not_finite():
     task = find_task("ergo_reacher")
     arms = ArmVecEnv(task, task.simulator().stepper(2))
     arms.reset()
-    with pytest.raises(OptionError, match="Number 1 of the action is nan"):
+    with pytest.raises(OptionError, match="Component 1 of the action is nan"):
         arms.step(np.array([[0, 0, 0, 0], [0, np.nan, 0, 0]]))
 
 

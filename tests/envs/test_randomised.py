@@ -133,7 +133,7 @@ def test_a_plant_says_that_it_is_randomised_and_how():
 
 
 def test_only_the_plain_physics_is_randomised():
-    with pytest.raises(OptionError, match="plain physics in MuJoCo"):
+    with pytest.raises(OptionError, match="plain MuJoCo physics"):
         DynamicsSpec("ergo_shield", engine="bullet", randomised=True).stepper(1)
 
 

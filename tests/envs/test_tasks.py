@@ -387,9 +387,9 @@ def test_missed_touches_are_an_option_of_the_environment():
     assert hits(missed=1.0) == 0
     assert DynamicsSpec("ErgoShield", missed=0.125).describe()["missed"] == 0.125
     assert "missed" not in DynamicsSpec("ErgoShield").describe()
-    with pytest.raises(OptionError, match=r"Missed touches are 1.5; they are a share"):
+    with pytest.raises(OptionError, match=r"The share of missed touches is 1.5; it must be in"):
         DynamicsSpec("ErgoShield", missed=1.5).task  # noqa: B018
-    with pytest.raises(OptionError, match="ErgoReacher has no touches that could be missed"):
+    with pytest.raises(OptionError, match="ErgoReacher has no touches to miss"):
         DynamicsSpec("ErgoReacher", missed=0.1).task  # noqa: B018
 
 

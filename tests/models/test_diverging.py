@@ -161,7 +161,7 @@ def test_other_jobs_go_on_where_some_fail_and_the_failures_are_told_at_the_end(w
 @SIDE_BY_SIDE
 def test_jobs_that_build_on_failed_ones_are_left_out_and_that_is_said(workers, pool):
     done = []
-    with pytest.raises(JobsFailed, match=r"2 of 6 jobs failed; 2 that build on them were left out; all others are"):
+    with pytest.raises(JobsFailed, match=r"2 of 6 jobs failed; 2 that depend on them were skipped; all others are"):
         for number, _ in run_jobs(half, range(6), workers, {2: [1], 4: [0], 5: [2, 0]}, pool):
             done.append(number)
     assert sorted(done) == [0, 4]

@@ -86,7 +86,7 @@ def test_a_rollout_in_which_no_episode_ended_has_no_score(tmp_path):
     told = []
     short = Hyperparameters(arms=4, rollout=16, minibatches=2, epochs=1)  # four steps of an episode
     learn(tmp_path / "a", 16, hyperparameters=short, report=told.append)
-    assert "no episode over yet" in told[-1]
+    assert "no episode finished yet" in told[-1]
     assert "nan" not in told[-1]
 
 
@@ -284,7 +284,7 @@ returns = arrays(float, st.integers(1, 8), elements=st.floats(-10, 10))
 def test_the_share_closed_is_zero_for_the_source_and_one_for_the_expert_and_monotone(method, source, expert):
     result = compute_share(method, source, expert)
     if np.isnan(result.value):
-        assert str(result) == "nothing at stake"
+        assert str(result) == "undefined"
         assert result.at_stake <= 1e-9 * max(1.0, np.abs(source).max(), np.abs(expert).max())
         return
     assert compute_share(source, source, expert).value == 0

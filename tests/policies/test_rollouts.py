@@ -306,7 +306,7 @@ def test_ctrl_c_makes_the_arm_safe_and_keeps_what_is_finished(capsys, words):
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=60)
         assert process.returncode == 130
-        assert "of 100 episodes are saved in datasets/rolled/recording; the same command goes on from there." in said
+        assert "of 100 episodes are saved in datasets/rolled/recording; run the same command to continue." in said
         assert torques(bus.port) == [0] * 6
         count = read(UNDER_WAY).n_episodes
         answer = evaluate(capsys, *options, "--finish")
@@ -325,12 +325,12 @@ def test_rollouts_go_on_where_they_stopped(capsys):
         said = refused(capsys, *options, bus.port)
     before, earlier = read(UNDER_WAY), returns_of(read(UNDER_WAY))
     assert 0 < len(earlier) < 4
-    assert f"{len(earlier)} of 4 episodes are saved in {UNDER_WAY}; the same command goes on from there." in said
+    assert f"{len(earlier)} of 4 episodes are saved in {UNDER_WAY}; run the same command to continue." in said
     with virtual() as bus:
         assert main(["policy", "evaluate", *options, bus.port, "--json"]) == 0
     out, said = capsys.readouterr()
     answer = json.loads(out)
-    assert f"{len(earlier)} of 4 episodes are saved in {UNDER_WAY}; going on with the next." in said
+    assert f"{len(earlier)} of 4 episodes are saved in {UNDER_WAY}; continuing with the next." in said
     whole = read(Path(answer["dataset"]))
     assert np.array_equal(whole.columns[STATE][: before.n_frames], before.columns[STATE])
     assert whole.n_frames == answer["steps"]
@@ -380,7 +380,7 @@ def begun(begun_elsewhere, folder) -> tuple[str, ...]:
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        (("--speed", "3"), "setting of the servos"),
+        (("--speed", "3"), "servo configuration"),
         (("--episodes", "5"), "number of episodes"),
         (("--largest-step", "0.5"), "largest step"),
         (("policy",), "policy"),
@@ -400,8 +400,8 @@ def test_rollouts_of_something_else_are_not_gone_on_with(capsys, monkeypatch, be
         )
     said = refused(capsys, *begun, *(changed if changed[0].startswith("--") else ()))
     assert said == (
-        f"nas: {UNDER_WAY} was begun with another {words}; give the same to go on, --finish to make a dataset of it, "
-        "or another --record."
+        f"nas: {UNDER_WAY} was started with another {words}; give the same to continue, --finish to make a dataset of "
+        "the saved episodes, or another --record."
     )
     assert read(UNDER_WAY).n_episodes == 1
 
@@ -415,7 +415,7 @@ def test_what_was_saved_is_finished_without_an_arm(capsys, begun):
 
 def test_recordings_and_rollouts_are_not_mixed(capsys, begun):
     assert main(["record", "ergojr", *LOCKSTEP[2:], "--name", "rolled", "--episodes", "1"]) == 2
-    assert "was begun with another command; give the same to go on" in capsys.readouterr().err
+    assert "was started with another command; give the same to continue" in capsys.readouterr().err
 
 
 @pytest.mark.slow
@@ -447,28 +447,36 @@ def test_a_rollout_is_saved_with_all_its_bouts_or_not_at_all(capsys, monkeypatch
 @pytest.mark.parametrize(
     ("environment", "options", "words"),
     [
-        ("ErgoReacher", ("--on", "ergojr"), "Judging on 'ergojr' needs --port PORT"),
-        ("ErgoReacher", ("--port", "virtual"), "Judging on 'target' takes no --port"),
-        ("ErgoReacher", ("--record", "reached"), "Judging on 'target' takes no --record"),
-        ("ErgoReacher", ("--lockstep",), "Judging on 'target' takes no --lockstep"),
-        ("ErgoReacher", (*LOCKSTEP, "--engine", "bullet"), "Judging on 'ergojr' takes no --engine"),
-        ("ErgoReacher", (*LOCKSTEP, "--dynamics", "paper"), "Judging on 'ergojr' takes no --dynamics"),
+        ("ErgoReacher", ("--on", "ergojr"), "Evaluation on 'ergojr' needs --port PORT"),
+        ("ErgoReacher", ("--port", "virtual"), "Evaluation on 'target' takes no --port"),
+        ("ErgoReacher", ("--record", "reached"), "Evaluation on 'target' takes no --record"),
+        ("ErgoReacher", ("--lockstep",), "Evaluation on 'target' takes no --lockstep"),
+        ("ErgoReacher", (*LOCKSTEP, "--engine", "bullet"), "Evaluation on 'ergojr' takes no --engine"),
+        ("ErgoReacher", (*LOCKSTEP, "--dynamics", "paper"), "Evaluation on 'ergojr' takes no --dynamics"),
         ("ErgoReacher", (*LOCKSTEP, "--largest-step", "0"), "--largest-step is 0.0; it must be above zero"),
         ("ErgoReacher", DUEL, "ErgoReacher takes no --defender-port"),
         ("ErgoShield", LOCKSTEP, "ErgoShield needs a second arm: give --defender-port"),
-        ("ErgoShield", ("--on", "ergojr", "--port", "a", "--defender-port", "b"), "Say where hits are read: --hits"),
+        (
+            "ErgoShield",
+            ("--on", "ergojr", "--port", "a", "--defender-port", "b"),
+            "Give the source of the hits: --hits",
+        ),
         ("ErgoShield", ("--on", "ergojr", "--port", "a", "--defender-port", "a", "--hits", "simulated"), "Both arms"),
         ("ErgoShield", (*DUEL, "--hits", "nowhere"), "nowhere cannot be read as a keyboard"),
-        ("ErgoShield", (*DUEL, "--missed", "2"), "--missed 2.0 is a share (0 … 1) of simulated hits"),
-        ("ErgoReacher", (*LOCKSTEP, "--missed", "0.1"), "--missed 0.1 is a share (0 … 1) of simulated hits"),
-        ("ErgoReacher", ("--missed", "0.1"), "ErgoReacher has no touches that could be missed"),
+        ("ErgoShield", (*DUEL, "--missed", "2"), "--missed is 2.0; it must be in 0 … 1"),
+        ("ErgoReacher", (*LOCKSTEP, "--missed", "0.1"), "--missed is 0.1; it must be in 0 … 1"),
+        ("ErgoReacher", ("--missed", "0.1"), "ErgoReacher has no touches to miss"),
         ("ErgoReacher", ("--on", "ergojr", "--port", "/dev/nowhere"), "There is no port /dev/nowhere"),
-        ("ErgoReacher", (*LOCKSTEP, "--record", "a/b"), "'a/b' is no name for a dataset"),
+        ("ErgoReacher", (*LOCKSTEP, "--record", "a/b"), "'a/b' is not a valid dataset name"),
         ("ErgoReacher", (*LOCKSTEP, "--speed", "-1"), "speed limit is -1"),
-        ("ErgoReacher", ("--finish",), "Judging on 'target' takes no --finish"),
+        ("ErgoReacher", ("--finish",), "Evaluation on 'target' takes no --finish"),
         ("ErgoReacher", (*LOCKSTEP, "--finish"), "--finish needs --record NAME"),
-        ("ErgoReacher", (*LOCKSTEP, "--finish", "--record", "rolled"), "Nothing is saved in datasets/rolled/recording"),
-        ("ErgoReacher", (*LOCKSTEP, "--apart", "all"), "--apart all is about sword and shield"),
+        (
+            "ErgoReacher",
+            (*LOCKSTEP, "--finish", "--record", "rolled"),
+            "There are no saved episodes in datasets/rolled/recording",
+        ),
+        ("ErgoReacher", (*LOCKSTEP, "--apart", "all"), "--apart all needs the two arms of ErgoShield"),
         ("Pusher", LOCKSTEP, "An ErgoJr cannot do the task of a pusher"),
     ],
 )

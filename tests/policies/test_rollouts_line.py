@@ -98,7 +98,9 @@ def test_a_passing_error_ends_no_episode_and_is_counted_told_and_flagged(capsys,
     assert answer["unheard"] == read_provenance(root).target["tally"]["unheard"] == 3
     assert answer["late"] == answer["missed_readings"] == 2
     assert np.flatnonzero(dataset.columns[LATE][:, 0]).tolist() == [6, 10], "the first row is the first episode"
-    assert "0 readings were tried again, 3 times after a servo had gone unheard" in read_provenance(root).notes
+    assert (
+        "0 readings needed more than one attempt, and 3 transactions were repeated because a servo did not answer"
+    ) in read_provenance(root).notes
 
 
 def test_a_health_that_is_not_heard_at_once_is_asked_for_again(capsys, monkeypatch):
@@ -137,7 +139,7 @@ def test_a_servo_that_stays_silent_ends_the_rollout_with_the_others_without_torq
         ports = ("--on", "ergojr", "--port", bus.port, "--lockstep")
         said = refused(capsys, policy("ErgoReacher", REACHER), "--episodes", "9", *ports, "--record", "rolled")
         assert "Servo 3 does not answer" in said
-        assert "the same command goes on from there" in said or "Nothing was recorded yet" in said
+        assert "run the same command to continue" in said or "Nothing was recorded yet" in said
         arm = Xl320Arm(bus.port, JOINTS)
         assert [arm.bus.get(identity, "torque_enable") for identity in JOINTS.ids if identity != 3] == [0] * 5
         arm.close()

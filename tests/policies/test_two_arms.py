@@ -169,7 +169,7 @@ def test_an_arm_in_a_touch_may_leave_it_and_is_sent_back_where_it_does_not(monke
 def test_a_first_pose_in_a_touch_ends_in_a_sentence_and_without_torque():
     with virtual() as attacker, virtual() as defender:
         with (
-            pytest.raises(PathBlocked, match="On the slow ways to their next poses the arms would touch"),
+            pytest.raises(PathBlocked, match="On their slow motions to the next poses the arms would touch"),
             duel(attacker.port, defender.port) as stepper,
         ):
             stepper.reset(at_rest(ACROSS, ACROSS))

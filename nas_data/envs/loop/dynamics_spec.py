@@ -47,9 +47,11 @@ class DynamicsSpec:
         if not self.missed:
             return task
         if not 0 < self.missed <= 1:
-            raise OptionError(f"Missed touches are {self.missed}; they are a share in 0 … 1.")
+            raise OptionError(f"The share of missed touches is {self.missed}; it must be in 0 … 1.")
         if "missed" not in vars(task):
-            raise OptionError(f"{self.environment} has no touches that could be missed; ErgoShield has.")
+            raise OptionError(
+                f"{self.environment} has no touches to miss; leave the share of missed touches out, or use ErgoShield."
+            )
         return replace(task, missed=self.missed)  # type: ignore[call-arg]  # a field of tasks with touches
 
     def simulator(self) -> Simulator:
@@ -132,7 +134,7 @@ class DynamicsSpec:
         from nas_data.simulators.mujoco import MujocoSimulator
 
         if self.checkpoint or self.effects or self.engine != "mujoco":
-            raise OptionError("Only the plain physics in MuJoCo is randomised: without checkpoint and named effects.")
+            raise OptionError("Randomised dynamics need plain MuJoCo physics; leave out checkpoint and named effects.")
         robot, effects = self.task.body(self.dynamics)
         simulator = MujocoSimulator(robot, self.task.period, self.task.joints, (*effects, make_delay_line()))
         return RandomisedStepper(simulator.stepper(size))
@@ -144,7 +146,7 @@ class DynamicsSpec:
 
         named = ModelCorrection.read(self.effects)
         if not named.effects and not named.retuned:
-            raise OptionError(f"{named.path} names no effect and retunes nothing: that is the plain source.")
+            raise OptionError(f"{named.path} names no effect and retunes nothing; use the plain source instead.")
         return named
 
     def _describe_model(self) -> dict[str, object] | None:

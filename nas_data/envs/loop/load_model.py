@@ -72,8 +72,8 @@ def check_source(folder: Path, model: DynamicsModel, simulator: Simulator) -> No
     kept = load_simulator(folder / MODEL, simulator.period, simulator.joints, effects, engine)
     if (apart := measure_rollout_difference(kept, simulator)) > SAME_SOURCE:
         raise CheckpointError(
-            f"The checkpoint {folder} corrects another source than this environment's: under the same commands they "
-            f"are up to {apart:.2g} rad apart after {PROBED} steps. {REMEDY}"
+            f"The checkpoint {folder} was trained with another source than this environment's: under the same commands "
+            f"they are up to {apart:.2g} rad apart after {PROBED} steps. {REMEDY}"
         )
 
 

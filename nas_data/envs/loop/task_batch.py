@@ -107,14 +107,14 @@ class TaskBatch:
         wrong = np.argwhere(~np.isfinite(actions))
         if len(wrong):
             row, place = (int(index) for index in wrong[0])
-            raise OptionError(f"Number {place} of the action is {actions[row, place]}; finite numbers are needed.")
+            raise OptionError(f"Component {place} of the action is {actions[row, place]}; finite numbers are needed.")
 
     def _terminate_lost_rows(self, verdict: StepResult) -> StepResult:
         """Return the result with diverged rows terminated without success."""
         if not np.isfinite(self.least):
             raise SimulationDiverged(
-                f"The simulation of {self.task.robot} left all bounds in its first step; "
-                "its model or checkpoint is not stable for these commands."
+                f"The simulation of {self.task.robot} diverged in its first step; its model or checkpoint is not "
+                "stable for these commands."
             )
         due = self.task.horizon - self.elapsed + 1  # control steps, including this one
         return StepResult(

@@ -120,9 +120,13 @@ class ArmSetup:
             what = "needs a second arm: give --defender-port" if self.defender is None else "takes no --defender-port"
             raise OptionError(f"{type(task).__name__} {what}.")
         if not 0 <= self.missed <= 1 or (self.missed and (self.hits != SIMULATED or self.defender is None)):
-            raise OptionError(f"--missed {self.missed} is a share (0 … 1) of simulated hits in ErgoShield.")
+            raise OptionError(
+                f"--missed is {self.missed}; it must be in 0 … 1, and needs ErgoShield with --hits simulated."
+            )
         if self.edges and self.defender is None:
-            raise OptionError("--apart all is about sword and shield, which ErgoShield has: give --defender-port.")
+            raise OptionError(
+                "--apart all needs the two arms of ErgoShield: give --defender-port, or leave --apart out."
+            )
 
     @contextmanager
     def open(self, task: Task, tally: RolloutTally) -> Iterator[tuple[Task, RobotStepper]]:

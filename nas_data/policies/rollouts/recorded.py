@@ -47,11 +47,11 @@ WORDS = {  # names for the user of settings in which two series of rollouts may 
     "weights": "policy",
     "seeds": "seed",
     "episodes": "number of episodes",
-    "configuration": "setting of the servos",
+    "configuration": "servo configuration",
     "largest_step": "largest step",
     "hits": "source of hits",
     "missed": "share of missed touches",
-    "apart": "answer to what is kept apart",
+    "apart": "contacts to avoid (--apart)",
 }
 
 
@@ -133,7 +133,9 @@ class Saved:
             OptionError: no rollout is saved.
         """
         if not self.growing.episodes:
-            raise OptionError(f"Nothing is saved in {self.growing.root} that could be finished; record first.")
+            raise OptionError(
+                f"There are no saved episodes in {self.growing.root}; record some before you use --finish."
+            )
         return complete(self.growing, read(self.growing.root), notes, name=self.name)
 
 

@@ -125,7 +125,7 @@ class RobotStepper:
         Raises:
             OptionError: always.
         """
-        raise OptionError("A real arm cannot be put into a state; judge a policy on it without a learned model.")
+        raise OptionError("A real arm cannot be set to a state; evaluate the policy without a learned model.")
 
     def site_positions(self, name: str) -> np.ndarray:
         """Return the position of a site in the measured pose [m], shape (1, 3)."""

@@ -47,7 +47,7 @@ class TwoArmPlanner:
                 if corners is not None:
                     return corners
         raise PathBlocked(
-            f"On the slow ways to their next poses the arms would touch: {self._together[-1].obstacle(begin, end)}; "
+            f"On their slow motions to the next poses the arms would touch: {self._together[-1].obstacle(begin, end)}; "
             "move both upright by hand (the torque is off) and start again."
         )
 
@@ -160,7 +160,7 @@ class Approach:
             if self._follow(np.stack([here, *self._seeking.find(here, pose)])):
                 return
         raise PathBlocked(
-            f"On their slow ways the arms came so near to each other {PLANS} times that they were stopped; move both "
+            f"The arms were stopped {PLANS} times because they came too close on their slow motions; move both "
             "upright by hand (the torque is off) and start again."
         )
 
