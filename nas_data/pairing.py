@@ -88,7 +88,10 @@ def with_model_units(dataset: Dataset, simulator: Simulator) -> Dataset:
     if not wrong:
         return dataset
     if any(dataset.features[STATE].units):
-        warn_once(f"the dataset calls {', '.join(wrong)} an angle, the model a slide: taken as metres and newtons")
+        warn_once(
+            f"{', '.join(wrong)} has angles in the dataset but is a slide in the model: its values are treated "
+            "as metres and newtons"
+        )
     state = make_state_feature(dataset.joints, simulator.slides)
     command = make_action_feature(dataset.joints, simulator.kinds, simulator.slides)
     known = {STATE: state, ACTION: command, NEXT_STATE: state, SIM_STATE: state}
@@ -204,7 +207,7 @@ def warn_of_ranges(dataset: Dataset, robot: Robot) -> list[str]:
         if not low - margin <= furthest <= high + margin:
             unit = "rad" if hinge else "m"
             if abs(furthest - (low + high) / 2) <= FACTOR * (high - low) / 2:
-                doubt = "does the arm go further than its model, or count from another zero?"
+                doubt = "does the arm move further than its model, or have another zero?"
             elif not hinge:
                 doubt = "is the model in metres?"
             elif robot.mjcf.suffix == URDF:
@@ -249,5 +252,5 @@ def _suggest_actuator(simulator: Simulator, kind: str) -> str:
     """Suggest how to give a model actuators for another command type."""
     robot = getattr(simulator, "robot", None)
     if isinstance(robot, Robot) and robot.mjcf.suffix == URDF and kind != VELOCITY:
-        return f"a URDF does not say which it has: give --actuators {'torque' if kind == EFFORT else 'position'}"
+        return f"a URDF does not define its actuators: give --actuators {'torque' if kind == EFFORT else 'position'}"
     return f"give a model with {ACTUATORS[kind]} there"

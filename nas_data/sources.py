@@ -49,8 +49,8 @@ def describe_left_out(robot: Robot) -> str | None:
         return None
     meshes = "mesh" if shapes == 1 else "meshes"
     return (
-        f"the source is kept without its {shapes} colliding {meshes}, so that it needs no other files: "
-        f"what the meshes touch it does not feel; give --model {robot.mjcf} to later commands where that matters"
+        f"the source is stored without its {shapes} colliding {meshes}, so that it needs no other files: their "
+        f"contacts are not simulated. Give --model {robot.mjcf} to later commands if these contacts matter"
     )
 
 
@@ -140,4 +140,4 @@ def locate_source(
             if (folder / MODEL).is_file():
                 kept = read_effects(folder / EFFECTS) if (folder / EFFECTS).is_file() else ()
                 return SourceModel(folder / MODEL, tuple(kept), engine or read_kept_engine(root))
-    raise ModelFileError(f"No source model is kept in {kept_in[0]}; give one with --model MODEL.xml.")
+    raise ModelFileError(f"No source model is stored in {kept_in[0]}; give one with --model MODEL.xml.")

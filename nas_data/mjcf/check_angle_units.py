@@ -26,7 +26,7 @@ def check_angle_units(path: Path, model: mujoco.MjModel, degree: bool) -> list[s
     limits = f"{path}: the range of {model.joint(widest).name}, {low:.4g} to {high:.4g},"
     if degree and max(-low, high) <= TURN and not STATED.search(path.read_bytes()):
         remedy = 'if radians are meant, write <compiler angle="radian"/>, else <compiler angle="degree"/>'
-        return [f"{limits} is read in degrees, as the file does not say: {remedy}"]
+        return [f"{limits} is read in degrees, because the file gives no unit: {remedy}"]
     if not degree and high - low > 2 * TURN:
         return [f'{limits} is read in radians: if degrees are meant, write <compiler angle="degree"/>']
     return []

@@ -75,8 +75,8 @@ def write_portable(spec: mujoco.MjSpec, original: Path, path: Path) -> None:
     elif not (copy_files(spec.copy(), original, path) and is_same_model(path, model)):
         if count_colliding_geoms(spec):
             raise ModelFileError(
-                f"{original} cannot be written as a model of its own: some file with a shape that can touch others is "
-                "not where the model's own folders are; give a model that names all its files itself."
+                f"{original} cannot be written as a model of its own: the file of a colliding shape is outside the "
+                "model's mesh folders; give a model that names the path of each of its files."
             )
         write(strip_meshes(spec), original, path)
     try:
@@ -98,7 +98,7 @@ def write(spec: mujoco.MjSpec, original: Path, path: Path) -> None:
 def export_error(original: Path, error: Exception) -> ModelFileError:
     """Return the error for a model that MuJoCo cannot write or read back."""
     reason = " ".join(str(error).split()).rstrip(".")
-    return ModelFileError(f"MuJoCo cannot read {original} again once it wrote it: {reason}; simplify the model.")
+    return ModelFileError(f"MuJoCo cannot read {original} after saving it: {reason}; simplify the model.")
 
 
 def copy_files(spec: mujoco.MjSpec, original: Path, path: Path) -> bool:

@@ -112,7 +112,7 @@ def read_spec(path: Path) -> mujoco.MjSpec:
     except (ValueError, mujoco.FatalError) as error:
         raise ModelFileError(_explain_error(path, " ".join(str(error).split()).rstrip("."))) from None
     if any(NOT_A_NUMBER in warning for warning in warnings):
-        raise ModelFileError(f"{path} gives NaN where a number should stand{_locate_nan(path)}; put a number there.")
+        raise ModelFileError(f"{path} has NaN in the place of a number{_locate_nan(path)}; write a number there.")
     log_warnings(warnings)
     return spec
 
@@ -146,7 +146,7 @@ def _explain_error(path: Path, reason: str) -> str:
         return f"{path} needs the file '{missing[1]}', which is missing: put it beside the model, at {wanted}."
     if (light := WEIGHTLESS.search(reason)) is not None:
         return (
-            f"{path} has a link that moves and weighs nothing, '{light[1]}'; give it mass and inertia (<inertial>), "
+            f"{path} has a moving link without mass, '{light[1]}'; give it mass and inertia (<inertial>), "
             "small ones if it stands for no part."
         )
     return f"{path} cannot be used as a robot model: {reason}; give an MJCF or URDF file."
@@ -221,8 +221,9 @@ def read_constants(spec: mujoco.MjSpec, path: Path) -> RobotConstants:
             own[name] = values[0]  # type: ignore[literal-required]  # one of the three
         else:
             raise ModelFileError(
-                f"{path} gives {number.name} as {' '.join(f'{value:g}' for value in values)}; it may give nas_rate, "
-                "nas_position_quantum and nas_velocity_quantum, a number above 0 each, and nas_rest, one a joint."
+                f"{path} gives {number.name} as {' '.join(f'{value:g}' for value in values)}; allowed are nas_rate, "
+                "nas_position_quantum and nas_velocity_quantum, with one number above 0 each, and nas_rest, with one "
+                "number per joint."
             )
     for text in spec.texts:
         if text.name == f"{PREFIX}tip":
@@ -245,7 +246,7 @@ def find_robot(name_or_path: str | Path) -> Robot:
     path, named = Path(given), given in list_robot_names()
     add_actuators = add_position_servos if given == str(name_or_path) else add_torque_motors
     if add_actuators is add_torque_motors and path.suffix != URDF:
-        raise ModelFileError(f"{given} says itself what moves its joints; leave out --actuators, which is for a URDF.")
+        raise ModelFileError(f"{given} defines its own actuators; leave out --actuators, which is for a URDF.")
     if named and given in registry.list_names("robots") and not path.is_file():
         return registry.import_plugin("robots", given, "robot").ROBOT
     if named and not path.is_file():
@@ -263,18 +264,18 @@ def find_robot(name_or_path: str | Path) -> Robot:
             remedy = (
                 f"in place of {indirect} write <position joint=…>" if indirect else "add <position joint=…> actuators"
             )
-            raise ModelFileError(f"{path} has no actuator that drives a joint by itself; {remedy}.")
+            raise ModelFileError(f"{path} has no actuator that drives a joint directly; {remedy}.")
         if indirect:
             warn_once(
-                f"actuators of {path} drive no joint by themselves: {indirect}; they are not commanded, and their "
-                "controls stay at the reference. To command a joint that one of them moves, replace it by <position "
+                f"actuators of {path} drive no joint directly: {indirect}; they get no commands, and their controls "
+                "stay at the reference. To command a joint that such an actuator moves, replace it by <position "
                 "joint=…>."
             )
         if bases := find_floating_bases(spec):
             names = ", ".join(f"'{base}'" for base in bases)
             warn_once(
-                f"the base {names} of {path} is free to fall, and no joint tells where it is: it is held where the "
-                "model has it, as if the robot hung there."
+                f"the base {names} of {path} has a free joint, and its pose is not measured: it is "
+                "fixed at its pose in the model."
             )
             edit = ConsecutiveEdits(edit, fix_bases)
         return Robot(name=path.stem, mjcf=path, joints=joints, edit=edit, bases=bases, **own)

@@ -92,7 +92,7 @@ def _check_kind(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[Aud
     if turns != (joint in dataset.slides):
         return []
     read, is_one, units = ("a length", "hinge", "rad, deg") if turns else ("an angle", "slide", "m, cm, mm")
-    what = f"{joint} was read as {read}, and is a {is_one}"
+    what = f"{joint} was read as {read}, but is a {is_one}"
     remedy = f"give it {'an angle' if turns else 'a length'} for a unit in the map ({units})"
     return [_make_finding("model_kind", f"{what} in the model", remedy)]
 
@@ -111,15 +111,15 @@ def _check_limits(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[A
     first, last = float(positions.min()), float(positions.max())
     margin = MARGIN * find_radian_equivalent(dataset, model, joint)
     if -last >= low - margin and -first <= high + margin:
-        reason, remedy = "with the opposite sign it would not", f"check sign = -1 of {joint} in the map"
+        reason, remedy = "with the opposite sign it would be inside", f"check sign = -1 of {joint} in the map"
     elif last - first <= high - low + 2 * margin:
-        reason, remedy = "with another zero it would not", f"check 'offset' or 'zero' of {joint} in the map"
+        reason, remedy = "with another zero it would be inside", f"check 'offset' or 'zero' of {joint} in the map"
     else:
         reason, remedy = "it turns farther than the model does", f"check the unit and scale of {joint} in the map"
     other = _find_exchanged(dataset, model, joint)
     if other is not None:
-        reason += f", nor would it and {other} if they were exchanged"
-        remedy += f", or whether the map takes {joint} and {other} for one another"
+        reason += f", and so would {other}, if both were exchanged"
+        remedy += f", or whether the map exchanges {joint} and {other}"
     what = f"{joint} goes from {first:.3g} to {last:.3g}, beyond the model's range {low:.3g} … {high:.3g}; {reason}"
     return [_make_finding("model_limits", what, remedy)]
 
@@ -160,8 +160,8 @@ def _check_middle(dataset: Dataset, model: mujoco.MjModel, joint: str, middle: f
     if abs(middle - wanted) <= CENTRE_MARGIN * find_radian_equivalent(dataset, model, joint):
         return []
     what = (
-        f"the middle of the calibrated range of {joint}, where LeRobot says zero, is put at {middle:.3g}; that of the "
-        f"model's range is {wanted:.3g}"
+        f"the middle of the calibrated range of {joint}, which is LeRobot's zero, is converted to {middle:.3g}; the "
+        f"middle of the model's range is {wanted:.3g}"
     )
     remedy = f"check 'offset' of {joint} in the map ({wanted:.3g} where the arm reaches as far as the model)"
     return [_make_finding("model_zero", what, remedy)]
@@ -250,8 +250,8 @@ class _RestingRows:
         for index in self.loaded:
             if correlations[index] <= CONTRADICTION:
                 what = (
-                    f"{joints[index]} hangs upwards: where it rests, its command lies on the side to which the model's "
-                    f"gravity pulls (correlation {correlations[index]:.2f})"
+                    f"gravity acts on {joints[index]} in the wrong direction: at rest, its command is on the side to "
+                    f"which the model's gravity pulls (correlation {correlations[index]:.2f})"
                 )
                 remedy = f"check sign and zero of {joints[index]} in the map"
                 found.append(_make_finding("model_gravity", what, remedy))
@@ -272,8 +272,8 @@ class _RestingRows:
         if min(misfits) > MISFIT_RATIO * misfit or abs(offset) < SMALLEST:
             return []
         what = (
-            f"the loads that the servos hold are not those of the model in the same postures, but they are where "
-            f"{joints[index]} stands {offset:+.2g} rad further"
+            f"the servo loads at rest do not fit the model's gravity, but they do if {joints[index]} is moved by "
+            f"{offset:+.2g} rad"
         )
         remedy = f"check 'offset' or 'zero' of {joints[index]} in the map"
         return [_make_finding("model_gravity", what, remedy)]

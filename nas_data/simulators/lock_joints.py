@@ -82,9 +82,9 @@ def refuse_ground_contact(model: mujoco.MjModel, layout: Layout, positions: np.n
             if contact.dist < 0 and (model.body_weldid[bodies] == 0).any() and any(moved[body] for body in bodies):
                 foot = next(int(body) for body in bodies if moved[body])
                 raise ModelFileError(
-                    f"{name} stands on the ground with its '{model.body(foot).name}', so that its base moves, and no "
-                    "joint tells how: it can be simulated only where it hangs in the air or its base is fixed; take "
-                    "the ground out of the model, or raise the base, if that is how it was recorded."
+                    f"{name} stands on the ground with its '{model.body(foot).name}', so its base can move, and the "
+                    "recording does not give its pose. Only a fixed or hanging base can be simulated: if it was "
+                    "recorded so, remove the ground from the model, or raise the base."
                 )
 
 

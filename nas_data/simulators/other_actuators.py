@@ -83,7 +83,7 @@ def warn_of_held_actuators(
         through = f" through {words}" if (words := describe_transmission(model, actuator)) else ""
         warn_once(
             f"the actuator{_quote(model, actuator)} of {name} pulls '{joint}'{through} and gets no command: it stays "
-            "at its reference and works against the joint's own actuator; take it out of the model if the robot does "
+            "at its reference and works against the joint's own actuator; remove it from the model if the robot does "
             "not have both."
         )
 

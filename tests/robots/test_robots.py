@@ -65,7 +65,7 @@ def test_a_model_may_hold_the_constants_of_its_robot(tmp_path):
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ('<numeric name="nas_velocity_quantum" data="-1"/>', "nas_velocity_quantum as -1; it may give nas_rate"),
+        ('<numeric name="nas_velocity_quantum" data="-1"/>', "nas_velocity_quantum as -1; allowed are nas_rate"),
         ('<numeric name="nas_speed" data="1"/>', "nas_speed as 1"),
     ],
 )
@@ -304,5 +304,5 @@ def test_what_a_urdf_lacks_is_said_with_a_remedy_that_works(tmp_path):
     path.write_text(path.read_text().replace("package://", ""))
     assert find_robot(path).joints == ("j",)
     path.write_text(FLOATING.replace(LINK.format(0.1), ""))
-    with pytest.raises(ModelFileError, match="a link that moves and weighs nothing, 'l'; give it mass and inertia"):
+    with pytest.raises(ModelFileError, match="a moving link without mass, 'l'; give it mass and inertia"):
         find_robot(path)

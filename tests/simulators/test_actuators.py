@@ -88,8 +88,8 @@ def test_positions_are_refused_by_motors_and_the_remedy_works(urdf, capsys):
 
 
 def test_only_a_urdf_is_given_actuators(urdf, tmp_path, capsys):
-    with pytest.raises(ModelFileError, match="ergojr says itself what moves its joints; leave out --actuators"):
+    with pytest.raises(ModelFileError, match="ergojr defines its own actuators; leave out --actuators"):
         find_robot("ergojr:torque")
     assert run("record sim --robot ergojr --actuators torque") == 2
     assert run("record sim --env ErgoReacher --actuators torque") == 2
-    assert "--actuators does not go with --env" in capsys.readouterr().err
+    assert "--actuators cannot be combined with --env" in capsys.readouterr().err

@@ -80,7 +80,7 @@ def test_an_exchange_is_suggested_only_where_it_takes_both_joints_into_their_lim
         dataset.states[:, :2] + offset, dataset.commands + offset, rate=RATE, joints=("shoulder", "elbow")
     )
     found = [finding.message for finding in check(moved, arm) if finding.check == "model_limits"]
-    assert found and any("if they were exchanged" in message for message in found) is told
+    assert found and any("if both were exchanged" in message for message in found) is told
 
 
 def test_gap_find_says_that_a_joint_hangs_upwards(arm):

@@ -15,7 +15,11 @@ ARM = """<mujoco>{compiler}<worldbody><body><joint name="j" axis="0 1 0" range="
 @pytest.mark.parametrize(
     ("compiler", "limits", "said"),
     [
-        ("", "-1.57 1.57", "the range of j, -1.57 to 1.57, is read in degrees, as the file does not say: if radians "),
+        (
+            "",
+            "-1.57 1.57",
+            "the range of j, -1.57 to 1.57, is read in degrees, because the file gives no unit: if radians ",
+        ),
         ('<compiler autolimits="true"/>', "-3.1 3.1", 'write <compiler angle="radian"/>'),
         (
             '<compiler angle="radian"/>',

@@ -157,7 +157,7 @@ def test_a_dataset_commands_positions_velocities_and_torques_at_once(tmp_path):
 )
 def test_effects_of_position_servos_are_refused_where_a_speed_is_commanded(load, kind):
     way = replace(PLAIN, group="velocity", actuator=kind + ' joint="{j}"/>', joint=HINGE)
-    with pytest.raises(ModelFileError, match="acts on a position servo"):
+    with pytest.raises(ModelFileError, match="needs a position servo"):
         load(way, "joint_offset:joint=a,offset=0.1")
 
 

@@ -125,7 +125,7 @@ def test_what_cannot_be_is_no_model():
         network("delta", corrects="command")
     with pytest.raises(ValueError, match="takes torques corrects commands"):
         network("forward", commands_effort=True, corrects="command")
-    with pytest.raises(ValueError, match="bound to a symmetry"):
+    with pytest.raises(ValueError, match="A symmetry needs a φ"):
         network("delta", commands_effort=True, cyclic=("m1",))
     with pytest.raises(ValueError, match="not state or command"):
         network("delta", corrects="speed")
@@ -296,5 +296,5 @@ def test_what_has_no_torques_to_correct_is_refused(kind, effort, updates, said):
     options = preset("symmetric", updates=updates)
     with pytest.raises(OptionError, match=f"^The preset symmetric .*{said}.*take the preset few"):
         ModelTraining(kind, dataset, options, source, device="cpu")
-    with pytest.raises(OptionError, match="Only φ that corrects commands"):
+    with pytest.raises(OptionError, match="A symmetry needs a φ that corrects commands"):
         preset("fast", symmetric=True)
