@@ -149,12 +149,13 @@ def benchmark(scratch: Path, frames: int, rounds: int) -> BenchmarkResult:
         for name, wanted in GOALS.items()
     ]
     return BenchmarkResult(
-        title=f"PPO on ErgoReacher, rollouts of {frames} frames with their updates; the number is that of environments",
+        title=f"PPO on ErgoReacher, rollouts of {frames} frames with their updates; the number is the number of "
+        "environments",
         times=take_turns(sides, rounds),
         ratios=tuple(ratios),
         notes=(
-            "φ has 3 layers of 128 units and random weights; what it adds is so small that all sides simulate the same "
-            "motions, and what is compared is how.",
+            "φ has 3 layers of 128 units and random weights; its corrections are so small that all sides simulate the "
+            "same motions, and only the times differ.",
             "'plain': stable-baselines3's DummyVecEnv of Gymnasium environments; 'naive': the same with a torch "
             "network in each; 'batched': our environment without φ.",
         ),

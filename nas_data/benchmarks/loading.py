@@ -54,6 +54,6 @@ def benchmark(scratch: Path, episodes: int, frames: int, batches: int, rounds: i
         ratios=(Ratio("loading_vs_dataloader", OURS, OTHER, GOAL),),
         notes=(
             f"'{OURS}' opens the files and reads all {len(dataset)} frames; '{OTHER}' (batches of {BATCH}, no workers) "
-            f"reads the first {part} of an open dataset: its time per frame stands for the rest.",
+            f"reads the first {part} of an open dataset: its time per frame is extrapolated.",
         ),
     )

@@ -105,7 +105,7 @@ class Ratio:
     def describe(self, times: Mapping[str, Times]) -> str:
         """Return the ratio with its spread as a sentence."""
         values = self.values(times)
-        bar = "" if self.wanted is None else f", at least {self.wanted:.2g} is wanted"
+        bar = "" if self.wanted is None else f", required: at least {self.wanted:.2g}"
         return (
             f"{self.name} {self.of(times):.3g}, between {min(values):.3g} and {max(values):.3g} "
             f"in {len(values)} rounds{' of processor time' if self.clock == 'cpu' else ''}{bar}"

@@ -140,7 +140,7 @@ def make_ranges_table(dataset: Dataset) -> HtmlTable:
             )
         )
     headers = ("", "unit", "positions", "speed, 95 % below", "top speed", "commands", "reversals")
-    return HtmlTable(headers, rows, "Speeds in the unit a second. Reversals: how often the speed changed its sign.")
+    return HtmlTable(headers, rows, "Speeds in the unit a second. Reversals: how often the speed changes its sign.")
 
 
 def make_timing_blocks(dataset: Dataset, steps: Sequence[np.ndarray]) -> list[Block]:

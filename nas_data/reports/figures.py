@@ -293,7 +293,7 @@ def draw_return_over_count(
         ticks = sorted({*counts, *authors})
         axes.set_xticks(ticks, [str(count) for count in ticks], fontsize=8)
         axes.xaxis.set_minor_formatter(NullFormatter())
-        axes.set_xlabel("recorded trajectories that were learned from")
+        axes.set_xlabel("recorded trajectories for training")
         axes.set_ylabel("mean return on the target")
         place_legend_above(figure, axes, columns=4 if len(returns) == 1 else 3)
         warn(figure, quick)

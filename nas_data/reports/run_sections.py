@@ -135,7 +135,7 @@ def make_target_chart(groups: Mapping[str, Sequence[PolicyRun]]) -> list[Chart]:
         "yaxis": {"autorange": "reversed", "ticksuffix": " "},
         "hovermode": "closest",
     }
-    caption = "The same policies on the target: a dot a seed, a bar at the median."
+    caption = "The same policies on the target: one dot per seed, a bar at the median."
     return [Chart("returns_on_target", caption, traces, layout, height=120 + 42 * len(returns))]
 
 
@@ -151,8 +151,8 @@ def make_policies_table(
         for name, score in extra.items()
     ]
     note = (
-        "On the target. Distance closed is the share of the way from source to expert, with a bootstrap interval "
-        "over seeds; with few seeds the interval says little."
+        "On the target. Distance closed is the share of the way from source to expert, with a bootstrap interval over "
+        "seeds, which is unreliable with few seeds."
         if judged
         else "In the last rollout of training, with exploration; no policy was evaluated on a target."
     )

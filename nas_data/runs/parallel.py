@@ -54,7 +54,7 @@ def run_jobs(
                 yield number, future.result()
     except BrokenProcessPool:
         raise WorkerLost(
-            "A worker process was ended from outside, perhaps for want of memory; what was finished is kept: run the "
+            "A worker process was killed, perhaps because memory ran out; finished work is kept: run the "
             "same command again, with --workers 1 if it happens again."
         ) from None
     if failed:
@@ -68,7 +68,7 @@ def combine_errors(failed: dict[int, Exception], jobs: int, left_out: int = 0) -
     if strange or len(errors) == 1:
         return (strange or errors)[0]
     different = list(dict.fromkeys(str(error) for error in errors))
-    others = f"{left_out} that build on them were left out; all others are done" if left_out else "all others are done"
+    others = f"{left_out} that depend on them were skipped; all others are done" if left_out else "all others are done"
     return JobsFailed(f"{len(errors)} of {count_of(jobs, 'job')} failed; {others}. {' '.join(different)}")
 
 

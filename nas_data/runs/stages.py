@@ -152,7 +152,7 @@ def claim(work: Work[Plan]) -> None:
                 "remove it or choose another --out."
             )
     elif work.folder.exists() and (not work.folder.is_dir() or any(work.folder.iterdir())):
-        raise OutputExists(f"{work.folder} exists and is no {work.name}; choose another --out.")
+        raise OutputExists(f"{work.folder} exists and is not a {work.name}; choose another --out.")
     else:
         write_atomic(path, (json.dumps(plan, indent=1) + "\n").encode())
 
@@ -167,8 +167,8 @@ def check_code(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> None:
         done = read_done(stage, work.folder)
         if done is not None and stage.code is not None and done.code != stage.code(work.plan):
             raise OutputExists(
-                f"{work.folder} holds '{stage.title}' by other code of nas_data: what decides it was changed since; "
-                f"remove {work.folder / STAGES / stage.name}.json to have it made anew, with all that builds on it, "
+                f"'{stage.title}' in {work.folder} was made by another version of nas_data; remove "
+                f"{work.folder / STAGES / stage.name}.json to repeat it and all that depends on it, "
                 "or choose another --out."
             )
 

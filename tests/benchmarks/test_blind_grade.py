@@ -172,7 +172,9 @@ def test_cases_that_other_code_judged_are_refused_and_left_alone(small, tmp_path
     before = {path: path.read_bytes() for path in (tmp_path / "results").glob("*.json")}
     edited("nas_data.benchmarks.blind.grade", "CONFIDENT = 0.8", "CONFIDENT = 0.9")
     more = BlindPlan(("none", "one"), ("mujoco",), 2, 0)
-    with pytest.raises(OutputExists, match=r"holds 2 cases judged by other code of nas_data .* choose another --out"):
+    with pytest.raises(
+        OutputExists, match=r"holds 2 cases graded by another version of nas_data .* choose another --out"
+    ):
         run(more, tmp_path, know_nothing, lambda line: None)
     assert {path: path.read_bytes() for path in (tmp_path / "results").glob("*.json")} == before
     assert len(run(more, tmp_path / "other", know_nothing, lambda line: None)) == 4, "the remedy works"
@@ -185,7 +187,9 @@ def test_a_record_that_names_no_code_is_refused(small, tmp_path):
     content = json.loads(path.read_text())
     del content["code"], content["commit"]
     path.write_text(json.dumps(content))
-    with pytest.raises(OutputExists, match=r"holds 1 case judged by other code of nas_data \(they name no commit\)"):
+    with pytest.raises(
+        OutputExists, match=r"holds 1 case graded by another version of nas_data \(they name no commit\)"
+    ):
         run(plan, tmp_path, know_nothing, lambda line: None)
     shutil.rmtree(tmp_path / "results")
     assert len(run(plan, tmp_path, know_nothing, lambda line: None)) == 1, "the remedy works"
@@ -196,7 +200,7 @@ def test_a_baseline_of_other_code_is_refused_too(small, tmp_path, edited):
     (record,) = run(plan, tmp_path, know_nothing, lambda line: None)
     assert len(record.baselines["one_step"].code) == 64
     edited("nas_data.benchmarks.blind.baselines.one_step", "LEAST = 0.02", "LEAST = 0.03")
-    with pytest.raises(OutputExists, match="other code of nas_data"):
+    with pytest.raises(OutputExists, match="another version of nas_data"):
         run(plan, tmp_path, know_nothing, lambda line: None)
 
 
@@ -226,6 +230,6 @@ def test_a_file_of_another_form_is_refused_and_left_alone(tmp_path):
     path = tmp_path / "results" / "none-mujoco-0-0000.json"
     path.parent.mkdir()
     path.write_text('{"case": "none-mujoco-0-0000"}')
-    with pytest.raises(OutputExists, match="is no finished case"):
+    with pytest.raises(OutputExists, match="is not a record of a finished case"):
         run(BlindPlan(("none",), ("mujoco",), 1, 0), tmp_path, know_nothing, lambda line: None)
     assert path.read_text() == '{"case": "none-mujoco-0-0000"}'

@@ -185,7 +185,7 @@ def test_the_sentence_names_the_smallest_amount_within_five_percent_of_the_best(
     assert found.sentence() == (
         "Smallest amount of data whose median open-loop error is within 5% of the kind's best: "
         "source + φ 20 episodes (2.08°; 2° with 40 episodes); "
-        "ψ 40 episodes (2.5°), the most that was tried, so that more may help."
+        "ψ 40 episodes (2.5°), the largest amount tried; more may help."
     )
 
 
@@ -198,7 +198,7 @@ def test_the_best_may_lie_before_the_last_and_a_kind_may_diverge_everywhere():
 def test_the_sentence_says_where_nothing_learned_is_as_good():
     values = [result(kind, 2, 0, error, baseline=1.0) for kind, error in (("delta", 1.0), ("forward", 0.9))]
     told = SweepSummary.of(values).sentence()
-    assert "(1°), which is no better than 'source', which learned nothing (1°); ψ" in told
+    assert "(1°), which is no better than the baseline 'source' (1°); ψ" in told
     assert told.endswith("ψ 2 episodes (0.9°).")
 
 

@@ -136,7 +136,7 @@ def test_results_by_other_code_are_not_used_and_not_removed(place, tmp_path, edi
     again = planned(place, tmp_path, amounts=(Amount(2, "episodes"),))
     assert not {trial.path for trial in swept} & {trial.path for trial in again}
     second = run_sweep(again, here_and_now, 1, False, told.append)
-    assert "2 of these trials have results by other code of nas_data, which are kept and not used" in told
+    assert "2 of these trials have results of another version of nas_data, which are kept but not used" in told
     assert len(answers(tmp_path)) == 4
     assert run_sweep(again, here_and_now, 1, False, told.append) == second
 
@@ -163,7 +163,7 @@ def test_only_code_that_decides_a_kind_makes_its_trials_other_ones(place, tmp_pa
 
 def test_a_worker_with_other_code_than_the_sweep_does_nothing(place, tmp_path):
     trial = planned(place, tmp_path)[0]
-    with pytest.raises(WorkerLost, match="other code of nas_data than the sweep"):
+    with pytest.raises(WorkerLost, match="another version of nas_data than that"):
         do_trial(replace(trial, code="0" * 64))
     assert not list(tmp_path.rglob("*.json"))
 
@@ -296,8 +296,8 @@ def test_a_fault_of_ours_ends_one_trial_and_keeps_its_traceback(place, tmp_path,
         (("--counts", "2", "--minutes", "1"), "either --counts or --minutes"),
         (("--counts", "few"), "--counts has 'few'"),
         (("--kinds", "delta,magic"), "There is no kind 'magic'; choose one of: delta, forward, named, named_delta."),
-        (("--kinds", ","), "--kinds names none; give some of delta, forward"),
-        (("--minutes", ","), "--minutes names no amount"),
+        (("--kinds", ","), "--kinds is empty; give some of delta, forward"),
+        (("--minutes", ","), "--minutes is empty"),
         (("--executor", "moon"), "There is no executor 'moon'"),
         (("--seeds", "0,0"), "--seeds are 0, 0"),
         (("--seeds", "one"), "--seeds are one"),
@@ -322,7 +322,7 @@ def test_an_unpaired_dataset_cannot_teach_phi_and_a_source_is_asked_for(place, h
     answer = nas("ablate", place.raw, "--counts", "2")
     assert answer.code == 2 and "The kind delta learns from" in answer.err and "nas pair" in answer.err
     answer = nas("ablate", place.raw, "--counts", "2", "--kinds", "named")
-    assert answer.code == 2 and "keeps none; give --model" in answer.err
+    assert answer.code == 2 and "stores none; give --model" in answer.err
     content = done("ablate", place.raw, "--counts", "2", "--kinds", "forward", "--seeds", "0", *BRIEF, "--json").json
     assert set(content["baselines"]) == {"hold", "command"}
 
@@ -339,7 +339,7 @@ def test_a_folder_of_another_sweep_or_of_anything_else_is_refused(place, here):
     Path("notes").mkdir()
     Path("notes/mine.txt").write_text("mine")
     answer = nas(*command[:-1], "notes")
-    assert answer.code == 2 and "notes exists and holds no sweep" in answer.err
+    assert answer.code == 2 and "notes exists and is not a sweep" in answer.err
     assert [path.name for path in Path("notes").iterdir()] == ["mine.txt"]
 
 
@@ -359,7 +359,7 @@ def test_the_trainings_follow_a_preset_and_what_is_given_beside_it(place, here):
 
 def test_what_judges_must_not_train(place, here):
     answer = nas("ablate", place.paired, "--test", place.raw)
-    assert answer.code == 2 and "must not train" in answer.err
+    assert answer.code == 2 and "test episodes must not be training episodes" in answer.err
     other = write_version(recorded_on(pendulum(*GAP), wander((50,) * 2, seed=9)), "other", SIMULATED)
     options = ("--test", other, "--kinds", "delta", "--seeds", "0", "--minutes", "0.1,all", *BRIEF)
     content = done("ablate", place.paired, *options, "--json").json

@@ -44,7 +44,7 @@ def again(material):
 def test_what_other_code_made_is_refused_and_left_alone(material, edited, module, old, new, stage):
     before = times(material.folder)
     edited(module, old, new)
-    with pytest.raises(OutputExists, match=f"'{stage}' by other code"):
+    with pytest.raises(OutputExists, match=f"'{stage}was made by another version"):
         again(material)
     assert times(material.folder) == before
 
@@ -72,7 +72,7 @@ def test_a_model_of_other_options_is_trained_anew_and_the_same_is_kept(material,
     assert times(tmp_path) == before
     rows = train_model(job(material, tmp_path, updates=2), said.append)
     assert rows[-1]["update"] == 2
-    assert any("differs in options: it is trained anew" in line for line in said)
+    assert any("differs in options: it is trained again" in line for line in said)
 
 
 def test_a_model_of_other_trajectories_is_trained_anew(material, tmp_path):

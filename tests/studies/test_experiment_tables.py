@@ -268,7 +268,7 @@ def test_episodes_that_left_all_bounds_are_told_by_method():
     assert found.lost() == []
     found.results["nas", 1] = replace(found.results["nas", 1], diverged=DivergedEpisodes(1200, 3))
     (sentence,) = found.lost()
-    assert sentence.startswith("nas: 1,200 episodes while learning and 3 while judged left all bounds")
+    assert sentence.startswith("nas: 1,200 episodes in training and 3 in evaluation diverged")
     assert found.describe()["methods"]["nas"]["diverged"] == {"learning": [0, 1200], "judging": [0, 3]}
     assert sentence in found.table()
 
@@ -277,7 +277,7 @@ def test_where_source_and_expert_overlap_nothing_is_at_stake():
     apart = compute_return_range(np.array([-122.0, -120.0, -130.0]), np.array([-67.0, -70.0, -66.0]))
     assert apart.shown and apart.sentence() is None
     alike = compute_return_range(np.array([-70.0, -66.0, -68.0]), np.array([-67.0, -69.0, -66.5]))
-    assert not alike.shown and "nothing is at stake" in alike.sentence()
+    assert not alike.shown and "share of the distance that a method closes is undefined" in alike.sentence()
     assert not compute_return_range(np.array([1.0]), np.array([1.0])).shown
     found = comparison(source=[-70.0, -66.0, -68.0], expert=[-67.0, -69.0, -66.5])
     assert found.describe()["at_stake"]["shown"] is False

@@ -197,7 +197,7 @@ def test_named_methods_learn_in_what_was_named(tmp_path, monkeypatch, effects):
     assert plants["named_nas"]["model"]["kind"] == "delta"
     same = found.data["environments"]["Pusher"]["methods"]
     assert (same["named"]["returns"] == same["source"]["returns"]) == (not effects)  # nothing named is the source
-    assert ("named learns where source does: they have the same policies." in found.text) == (not effects)
+    assert ("named trains in the same environment as source: they share their policies." in found.text) == (not effects)
     assert "has nothing to learn" not in found.text
 
 
@@ -214,7 +214,7 @@ def test_where_the_names_explain_all_phi_is_left_out_and_no_policy_trained_twice
     methods = found.data["environments"]["Pusher"]["methods"]
     assert methods["named_nas"]["returns"] == methods["named"]["returns"] != methods["nas"]["returns"]
     assert sorted(path.name for path in (place / "policies/256").iterdir()) == ["named", "nas"]
-    assert "named_nas learns where named does" in found.text
+    assert "named_nas trains in the same environment as named" in found.text
     assert "named_nas is the source with the names" in found.text
     before = times(tmp_path)
     assert run_experiment("figure5", request).data["environments"]["Pusher"]["methods"] == methods
@@ -404,7 +404,7 @@ def test_figure8_compares_all_methods_and_says_which_else_there_are(tmp_path):
     found = run_experiment("figure8", tiny(tmp_path, "ErgoShield", seeds=(0,)))
     shield = found.data["environments"]["ErgoShield"]
     assert set(shield["methods"]) == {"expert", "source", "forward", "nas", "randomised"}
-    assert "--methods asks for it" in found.text
+    assert "--methods includes it" in found.text
     assert shield["authors"]["nas"]["values"] == [20.17, 11.95]
     assert np.shape(shield["response"]["positions"]["source + φ"]) == (300, 6)
     assert (tmp_path / "figure8-ErgoShield-backlash-tiny-seeds-0-response.png").is_file()

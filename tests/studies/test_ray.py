@@ -65,7 +65,7 @@ def test_a_machine_without_the_folder_is_named_for_it():
 
 @pytest.mark.slow
 def test_a_trial_whose_process_dies_is_told_in_one_sentence():
-    with pytest.raises(WorkerLost, match=r"^Ray lost a trial \(.*\); what was finished is kept: run it again\.$"):
+    with pytest.raises(WorkerLost, match=r"^Ray lost a trial \(.*\); finished work is kept: run it again\.$"):
         list(executor.run(end, [0], 1))
 
 

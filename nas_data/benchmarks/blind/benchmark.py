@@ -97,7 +97,7 @@ def tell(record: CaseRecord) -> str:
     if isinstance(found, CaseFailure):
         return f"{record.case}: {found.fault}"
     grade, fresh = found.grade, found.fresh
-    rest = "no usable model" if fresh.after is None else f"{fresh.after / fresh.floor:.1f} floors left"
+    rest = "no usable model" if fresh.after is None else f"{fresh.after / fresh.floor:.1f} noise floors"
     right = "right" if grade.exact else "CONFIDENTLY WRONG" if grade.confident_wrong else "not exact"
     names = f"{format_effects(grade.true)} → {format_effects(grade.named)}"
     return f"{record.case}: {right}, {grade.verdict}, {rest}, {found.seconds:.0f} s: {names}"

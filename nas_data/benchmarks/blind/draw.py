@@ -74,7 +74,9 @@ class EffectSampler:
         if identity.family == EVERY:
             self.kinds = {name: kind for name, kind in self.kinds.items() if name in EVERYWHERE}
         if not self.kinds:
-            raise OptionError(f"The setting {identity.setting} hides nothing in every joint; choose another family.")
+            raise OptionError(
+                f"The setting {identity.setting} has no effects for the family 'every'; choose another family."
+            )
         self.rng = identity.stream("effects")
         self.least = FAINTEST_MARK if identity.faint else setting.least
 
@@ -100,7 +102,9 @@ class EffectSampler:
                 same = tries[row] < TRIES
                 groups[row] = self._redraw(groups, row, same)
                 tries[row] = tries[row] + 1 if same else 1
-        raise SimulationDiverged(f"{self.identity.name} hides nothing that can be seen; use another number.")
+        raise SimulationDiverged(
+            f"{self.identity.name} has a hidden effect without visible influence; use another number."
+        )
 
     def show(self, plant: str, truths: Sequence[Truth], tape: CommandSequence) -> np.ndarray:
         """Return states of a plant under commands, shape (len(truths), E, T + 1, 2n)."""

@@ -110,7 +110,7 @@ def find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, file: Path) -> i
     index = int(mujoco.mj_name2id(model, kind, name))
     if index < 0:
         raise ModelFileError(
-            f"{file} has no '{name}' ({kind.name}); a delivered model keeps joints, actuators, sensors."
+            f"{file} has no '{name}' ({kind.name}); the delivered model must keep joints, actuators and sensors."
         )
     return index
 

@@ -86,7 +86,7 @@ class ReportEntries:
         try:
             return from_json(cls, report)
         except FormError as error:
-            raise DatasetInvalid(f"The report has not the contract's form: {error}.") from None
+            raise DatasetInvalid(f"The report does not have the required structure: {error}.") from None
 
 
 def read_number(value: float | None, missing: float = math.nan) -> float:

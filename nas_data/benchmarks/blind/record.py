@@ -77,7 +77,7 @@ class CaseRecord:
         try:
             return from_json(cls, json.loads(path.read_text(encoding="utf-8")))
         except FormError as error:
-            raise OutputExists(f"{path} is no finished case ({error}); choose another --out.") from None
+            raise OutputExists(f"{path} is not a record of a finished case ({error}); choose another --out.") from None
         except (OSError, ValueError):
             return None
 

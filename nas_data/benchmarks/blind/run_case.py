@@ -47,8 +47,8 @@ def check_code(records: Mapping[Identity, CaseRecord], folder: Path) -> None:
     other = [record for identity, record in records.items() if not is_by_this_code(identity, record)]
     if other:
         raise OutputExists(
-            f"{folder} holds {count_of(len(other), 'case')} judged by other code of nas_data "
-            f"({tell_commits(other)}): the search, the cases or the grading were changed since; "
+            f"{folder} holds {count_of(len(other), 'case')} graded by another version of nas_data "
+            f"({tell_commits(other)}): the search, the cases or the grading have changed; "
             f"remove {folder} or choose another --out."
         )
 
@@ -62,7 +62,7 @@ def is_by_this_code(identity: Identity, record: CaseRecord) -> bool:
 def tell_commits(records: Sequence[CaseRecord]) -> str:
     """Name the commits of records."""
     commits = sorted({record.commit[:12] for record in records if record.commit})
-    return f"commit {', '.join(commits)}" if commits else "they name no commit"
+    return f"commit {', '.join(commits)}" if commits else "commit unknown"
 
 
 Investigate = Callable[[Path, Path, Path], None]  # dataset, nominal model, folder of the report

@@ -15,10 +15,10 @@ MARKS = (0.3, 1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0)
 NOTHING = "nothing"
 PERCENT = ("exact", "confident_wrong", "abstained", "verdict_right", "covered", "unexplained_joint_named")
 TITLES = {
-    "families": "Families (before, rest: median error on fresh episodes / noise floor; least: with the answer)",
-    "confusions": "What was named where one effect hides, or none",
-    "reliability": "Is the confidence true?",
-    "power": "Found by size of the mark [noise floors]",
+    "families": "Families (before, rest: median error on fresh episodes / noise floor; least: with the true effects)",
+    "confusions": "Names in cases with one hidden effect, or none",
+    "reliability": "Calibration of the confidence",
+    "power": "Effects found, by size of their influence [noise floors]",
     "baselines": "Baselines on the same cases",
 }
 SHORT = {

@@ -62,8 +62,9 @@ def make_errors_chart(summary: SweepSummary, loop: str) -> Chart:
         "yaxis": make_log_axis(f"position error, {TITLES[loop]} [{summary.shown.mark.strip()}]"),
     }
     caption = (
-        f"Held-out error, {TITLES[loop]}: median over seeds, and a band from the lowest to the highest. Lines "
-        "across learn nothing: the simulator as given (source), the first position (hold), the command (command). "
+        f"Held-out error, {TITLES[loop]}: median over seeds, and a band from the lowest to the highest. Horizontal "
+        "lines are baselines without learning: the simulator as given (source), the first position (hold), the command "
+        "(command). "
         "Where a seed diverged there is no band."
     )
     return Chart(loop, caption, traces, layout, height=440)

@@ -106,7 +106,9 @@ class SweepSummary:
             baselines = {name: read_spreads(entry) for name, entry in content["baselines"].items()}
             return cls(unit, cells, baselines, content["failed"], find_display_unit(content["unit"]))
         except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
-            raise OptionError(f"{path} is no result of a sweep ({error!r}); make it anew with: nas ablate") from None
+            raise OptionError(
+                f"{path} is not a result of a sweep ({error!r}); make it again with: nas ablate"
+            ) from None
 
     def enough(self) -> dict[str, Cell]:
         """Return for each kind the smallest amount whose median open-loop error is within 5 % of its best."""
@@ -131,7 +133,7 @@ class SweepSummary:
         top = find_best(cells)
         error, least = (self._format_error(one.errors["open_loop"].median) for one in (cell, top))
         text = f"{label} {cell.text} ({error}" + (")" if cell is top else f"; {least} with {top.text})")
-        text += ", the most that was tried, so that more may help" if cell is cells[-1] and len(cells) > 1 else ""
+        text += ", the largest amount tried; more may help" if cell is cells[-1] and len(cells) > 1 else ""
         return text + self._describe_better_baselines(top)
 
     def _describe_better_baselines(self, cell: Cell) -> str:
@@ -140,7 +142,7 @@ class SweepSummary:
         if not found or min(found.values()) > cell.errors["open_loop"].median:
             return ""
         name = min(found, key=lambda name: found[name])
-        return f", which is no better than '{name}', which learned nothing ({self._format_error(found[name])})"
+        return f", which is no better than the baseline '{name}' ({self._format_error(found[name])})"
 
     def _format_error(self, value: float) -> str:
         """Return an error in its display unit."""

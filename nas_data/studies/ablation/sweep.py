@@ -102,7 +102,7 @@ def run_sweep(
     jobs = [trials[number] for number in waiting]
     progress = SweepProgress([trial.config for trial in jobs], workers, len(trials))
     if others := count_other_code(trials):
-        say(f"{others} of these trials have results by other code of nas_data, which are kept and not used")
+        say(f"{others} of these trials have results of another version of nas_data, which are kept but not used")
     say(progress.begin(sum(result.failed is not None for result in results.values())))
     for index, result in executor(do_trial, jobs, workers):
         results[waiting[index]] = result
@@ -197,7 +197,7 @@ def open_sweep(folder: Path, identity: Mapping[str, object]) -> Iterator[None]:
     try:
         lock = FileLock(folder / LOCK).acquire(timeout=0)
     except Timeout:
-        raise OutputExists(f"Another `nas ablate` works in {folder}; wait for it, or choose another --out.") from None
+        raise OutputExists(f"Another `nas ablate` runs in {folder}; wait for it, or choose another --out.") from None
     with lock:
         shutil.rmtree(folder / UNFINISHED, ignore_errors=True)  # remains of a killed sweep
         write_atomic(folder / SWEEP, (json.dumps(identity, indent=1) + "\n").encode())
@@ -213,7 +213,7 @@ def check_same(folder: Path, identity: Mapping[str, object]) -> None:
     try:
         held = json.loads((folder / SWEEP).read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        raise OutputExists(f"{folder} exists and holds no sweep; choose another --out.") from None
+        raise OutputExists(f"{folder} exists and is not a sweep; choose another --out.") from None
     other = [key for key in {**identity, **held} if held.get(key) != identity.get(key)]
     if other:
         shown = "; ".join(f"{key}: {shorten(held.get(key))} there, {shorten(identity.get(key))} here" for key in other)
@@ -234,7 +234,7 @@ def check(plan: SweepPlan) -> None:
     check_seeds(plan)
     if not plan.kinds:
         raise OptionError(
-            f"--kinds names none; give some of {', '.join(registry.list_names(FOLDER))}, with commas between."
+            f"--kinds is empty; give some of {', '.join(registry.list_names(FOLDER))}, separated by commas."
         )
     kinds = {name: find_kind(name) for name in plan.kinds}
     dataset = plan.material.read()
@@ -262,8 +262,8 @@ def check_held_out(plan: SweepPlan, dataset: Dataset) -> None:
         raise OptionError(f"--held-out is {plan.held_out:g}; it must lie between 0 and 1, for example 0.2.")
     if dataset.n_episodes < 2:
         raise DatasetInvalid(
-            f"{plan.material.root} has one episode, which cannot both train and judge; "
-            "record more, or give another dataset that judges: --test DATASET."
+            f"{plan.material.root} has one episode, which cannot serve for both training and testing; record more, or "
+            "give a test dataset: --test DATASET."
         )
 
 
@@ -275,7 +275,7 @@ def check_sources(plan: SweepPlan, dataset: Dataset, kinds: dict[str, ModelKind]
             check_paired(material.root, dataset, f"The kind {name}", ", or leave it out (--kinds forward)")
         if kind.needs_source and source is None:
             raise ModelFileError(
-                f"The kind {name} needs a source, and {material.root} keeps none; give --model MODEL.xml."
+                f"The kind {name} needs a source, and {material.root} stores none; give --model MODEL.xml."
             )
         if kind.names and source is not None:
             check_naming(plan, dataset, source, name)
@@ -303,13 +303,14 @@ def check_test(plan: SweepPlan, dataset: Dataset, test: Dataset) -> None:
     mine, other = ((d.joints, d.kinds, round(d.fps, 1)) for d in (dataset, test))
     if mine != other:
         raise JointMismatch(
-            f"{name} cannot judge: its joints, kind of command or rate ({', '.join(other[0])}; {other[2]:g} Hz) are "
+            f"{name} cannot be the test dataset: its joints, kind of command or rate ({', '.join(other[0])}; "
+            f"{other[2]:g} Hz) are "
             f"not those of {plan.material.root} ({', '.join(mine[0])}; {mine[2]:g} Hz)."
         )
     trained = {digest: place for place, digest in enumerate(hash_episodes(dataset, (STATE, ACTION)))}
     for place, digest in enumerate(hash_episodes(test, (STATE, ACTION))):
         if digest in trained:
             raise DatasetInvalid(
-                f"Episode {place} of {name} is episode {trained[digest]} of {plan.material.root}: what judges must not "
-                "train; divide the dataset with `nas split`."
+                f"Episode {place} of {name} is episode {trained[digest]} of {plan.material.root}: test episodes must "
+                "not be training episodes; divide the dataset with `nas split`."
             )

@@ -58,7 +58,7 @@ def parse(texts: Sequence[str], unit: Unit) -> tuple[Amount, ...]:
     option = "--counts" if unit == "episodes" else "--minutes"
     found = {Amount(parse_number(word, option, unit), unit) for word in split_words(texts)}
     if not found:
-        raise OptionError(f"{option} names no amount; give some with commas between, such as 1,2,5,{ALL}.")
+        raise OptionError(f"{option} is empty; give amounts separated by commas, such as 1,2,5,{ALL}.")
     return tuple(sorted(found))
 
 
@@ -78,7 +78,7 @@ def parse_number(word: str, option: str, unit: Unit) -> float:
     if 0 < value < math.inf and (unit == "minutes" or value.is_integer()):
         return value
     kind = "whole numbers" if unit == "episodes" else "numbers"
-    raise OptionError(f"{option} has '{word}'; give {kind} above 0, or {ALL}, with commas between.")
+    raise OptionError(f"{option} has '{word}'; give {kind} above 0, or {ALL}, separated by commas.")
 
 
 STRETCH = 10.0  # [s] length of a drawn segment: longer than any memory of the arm, yet many per minute
@@ -236,7 +236,7 @@ class SweepData:
         changed = [key for key, value in self.content().to_json().items() if value != content.to_json()[key]]
         if changed:
             raise DatasetInvalid(
-                f"The {changed[0]} of the sweep on {self.root} changed while it ran; start it anew with another --out."
+                f"The {changed[0]} of the sweep on {self.root} changed while it ran; start it again with another --out."
             )
 
 

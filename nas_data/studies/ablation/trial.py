@@ -127,8 +127,8 @@ def check_code(trial: Trial) -> None:
     """
     if hash_trial_code(trial.config.kind, trial.material.source()) != trial.code:
         raise WorkerLost(
-            f"A worker has other code of nas_data than the sweep in {trial.folder} was begun with: it was edited "
-            "since, or is another version on that machine; run the same command again with one version everywhere."
+            f"A worker has another version of nas_data than that with which the sweep in {trial.folder} was started; "
+            "run the same command again with one version everywhere."
         )
 
 

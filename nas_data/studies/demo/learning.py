@@ -59,7 +59,7 @@ def learn_models(demo: Demo) -> StageResult:
     errors = {"one_step": make_error_table(evaluation.one_step), "open_loop": make_error_table(evaluation.open_loop)}
     write_atomic(demo.folder / ERRORS, (json.dumps(errors, indent=1) + "\n").encode())
     texts = [
-        f"On {dataset.n_episodes} held-out episodes, what was learned and named above what needs neither:",
+        f"On {dataset.n_episodes} held-out episodes, learned and named models above the baselines:",
         *evaluation.text().splitlines(),
         f"φ → {demo.folder / FOLDERS['delta']}, ψ → {demo.folder / FOLDERS['forward']}",
     ]

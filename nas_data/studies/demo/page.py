@@ -43,8 +43,8 @@ from nas_data.studies.demo.recording import HELDOUT, TRAIN, find_newest, read_na
 
 PAGE = "report.html"
 LEAD = (
-    "A simulator of a robot arm is never quite right. From recordings of the arm, a network φ learns what it gets "
-    "wrong, nas gap can name what it lacks, and policies then learn in the corrected simulator."
+    "A simulator of a robot arm is never exact. From recordings of the arm, a network φ learns its error, nas gap can "
+    "name the effects that it lacks, and policies then learn in the corrected simulator."
 )
 LEARNERS = ("source", "source + φ", "ψ", NAMES)  # predictors in the trajectory chart; hold and command are in tables
 
@@ -63,7 +63,7 @@ def write_page(demo: Demo) -> StageResult:
             PageSection("Errors of prediction", make_errors_blocks(demo)),
             PageSection("Policies", make_policies_blocks(demo, runs)),
             PageSection("How the models learned", [make_models_chart(runs.models)]),
-            PageSection("What this rests on", [Facts(list_facts(demo))]),
+            PageSection("Versions and settings", [Facts(list_facts(demo))]),
         ],
     )
     path = demo.folder / PAGE
@@ -86,7 +86,7 @@ def describe_demo(plan: DemoPlan) -> list[str]:
         f"{len(slow)} servos, and its sensors have the resolution of XL-320 servos.",
         f"{plan.episodes} episodes of {plan.seconds:g} s were recorded, with random targets that are held "
         f"for {held} s in turn, at {1 / plan.task.period:.0f} control steps a second. The source was set to every "
-        "measured state and asked where the same command would lead: these pairs are what φ learns from. ψ is the "
+        "measured state and given the same command: φ learns from these pairs. ψ is the "
         "alternative without a simulator: a network that predicts the next state alone. Their errors, and those of the "
         f"source with the names if there are any, are on {plan.heldout} further episodes that none of them has seen; "
         "in open loop, each "
@@ -103,16 +103,15 @@ def make_names_blocks(demo: Demo) -> list[Block]:
     report, series = GapReport.load(folder), Series.read(folder)
     return [
         Text(
-            f"nas gap was given the first {demo.plan.named} of the recorded episodes and the plain source; what hides "
-            "in the target is known to the reader, not to the search. Find: where does the source err, and by how much?"
+            f"nas gap was given the first {demo.plan.named} of the recorded episodes and the plain source; the search "
+            "does not know the effects of the target. Find: where does the source err, and by how much?"
         ),
         *make_joints_table(report),
         Text("Name: which effects of the catalogue does it lack, and how large are they?"),
         make_names_table(demo.plan, report),
         Text(
-            f"Add: {GAP}/model.xml is the source with what was named and retuned. {describe_verdict(report)} All "
-            "that nas gap has "
-            f"to say is on its own page, {GAP}/report.html."
+            f"Add: {GAP}/model.xml is the source with what was named and retuned. {describe_verdict(report)} The full "
+            f"report of nas gap is {GAP}/report.html."
         ),
         *errors_by_joint(report, series),
     ]
@@ -137,8 +136,8 @@ def make_names_table(plan: DemoPlan, report: GapReport) -> HtmlTable:
             )
         )
     note = (
-        "Hidden: what the target has. Joints that the task does not act on are commanded to stay: nothing in the "
-        "recording tells of their speed limits."
+        "Hidden: what the target has. Joints that the task does not move are commanded to stay, so the recording "
+        "contains no information about their speed limits."
     )
     return HtmlTable(("", "hidden", "named", "95 % interval", "confidence"), rows, note)
 
@@ -182,7 +181,7 @@ def make_errors_blocks(demo: Demo) -> list[Block]:
     time = demo.plan.task.period * np.arange(1, measured.shape[1] + 1)
     caption = (
         f"How errors grow over a rollout: median over {demo.plan.heldout} held-out episodes, band from the lower to "
-        "the upper quartile. Hold predicts that nothing moves, command that every joint is where it is told to be."
+        "the upper quartile. Hold predicts no motion; command predicts that each joint is at its commanded position."
     )
     layout = {
         "xaxis": make_axis("time since the start of the rollout [s]"),
@@ -193,8 +192,8 @@ def make_errors_blocks(demo: Demo) -> list[Block]:
         Chart("error_growth", caption, make_spread(time, grown, choose_strokes(list(grown))), layout),
         make_error_table(
             errors["open_loop"],
-            "Open loop: RMSE of positions over whole episodes [°]. Joints that the task does not act on are commanded "
-            "to stay.",
+            "Open loop: RMSE of positions over whole episodes [°]. Joints that the task does not move are commanded to "
+            "stay.",
         ),
         make_error_table(
             errors["one_step"],
@@ -222,8 +221,9 @@ def make_policies_blocks(demo: Demo, runs: Runs) -> Sequence[Block]:
     )
     seeds = Text(
         f"Every method got the same {plan.frames:,} control steps and the same "
-        f"seed{'' if len(plan.seeds) == 1 else 's'} of PPO: {join_items(list(map(str, plan.seeds)))}. Short trainings "
-        "of few seeds spread by more than what lies between the best methods, so that a share of the distance of over "
+        f"seed{'' if len(plan.seeds) == 1 else 's'} of PPO: {join_items(list(map(str, plan.seeds)))}. With short "
+        "trainings and few seeds, the spread is larger than the difference between the best methods, so a share of the "
+        "distance of over "
         "100 % is chance. Five seeds are the usual measure: docs/results/README.md has them."
     )
     return [

@@ -110,15 +110,15 @@ STAGES = (
         "record",
         "Record and pair",
         "An arm of six servos (Poppy Ergo Jr) is moved to random targets and measured. It stands in for a real robot: "
-        "two of its joints have play and its servos have a speed limit, of which the plain simulator knows nothing. "
-        "That simulator is then set to every measured state and asked where the same command would lead.",
+        "two of its joints have play and its servos have a speed limit, which the plain simulator lacks. That "
+        "simulator is then set to every measured state and given the same command.",
         import_lazily("recording", "record_pairs"),
         ("datasets",),
     ),
     Stage(
         "names",
         "Name what is missing",
-        "`nas gap` is given episodes of the recording and the plain simulator, and is not told what differs. It finds "
+        "`nas gap` is given episodes of the recording and the plain simulator, but not the differences. It finds "
         "where the two disagree, names the effects that the simulator lacks, and adds them to its model.",
         import_lazily("recording", "name_effects"),
         ("gap",),

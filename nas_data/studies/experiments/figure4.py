@@ -35,14 +35,12 @@ def run(request: Request) -> ExperimentResult:
 
 def describe_sequence(found: Sequence, environment: str) -> str:
     """Return notes on the chosen sequence and on diverged predictions."""
-    lost = "".join(
-        f" {name} left all bounds in {len(times)} of them." for name, times in found.evaluation.diverged.items()
-    )
+    lost = "".join(f" {name} diverged in {len(times)} of them." for name, times in found.evaluation.diverged.items())
     hold, steps = found.material.plan.recipe.holds[0], len(found.measured[found.episode])
     return (
         f"{environment}: held-out episode {found.episode} of {steps} control steps, under the paper's protocol (random "
         f"actions, each held for {count_of(hold, 'step')}); of these the one in which the source's error "
-        f"is the median. Drawn is {found.dataset.joints[found.joint]}, which the source predicts worst. "
+        f"is the median. Drawn is {found.dataset.joints[found.joint]}, the joint that the source predicts worst. "
         f"'All held out' is the median of {count_of(found.dataset.n_episodes, 'episode')}.{lost}"
     )
 

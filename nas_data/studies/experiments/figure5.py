@@ -25,5 +25,5 @@ def run(request: Request) -> ExperimentResult:
 
 
 EXPERIMENT = Experiment(
-    "What policies of each method are worth on the target", ("Pusher", "Striker", "ErgoReacher"), run
+    "Return of the policies of each method on the target", ("Pusher", "Striker", "ErgoReacher"), run
 )

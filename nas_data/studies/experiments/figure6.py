@@ -28,9 +28,7 @@ from nas_data.studies.experiments.pipeline.table_notes import NAS, describe_inte
 from nas_data.typed_json import to_json
 
 ENDS = (EXPERT_METHOD, SOURCE_METHOD)  # lower and upper reference of the curves
-ONE_RECORDING = (
-    "One recording (of seed 0) serves all seeds; the subset, what is made of it and the policy are each seed's own."
-)
+ONE_RECORDING = "One recording (of seed 0) serves all seeds; each seed has its own subset, models and policy."
 
 
 def run(request: Request) -> ExperimentResult:
@@ -81,7 +79,7 @@ def choose_counts(request: Request) -> tuple[tuple[int, ...], tuple[str, ...]]:
     counts, methods = tuple(sorted(set(request.sizes.counts))), tuple(dict.fromkeys(request.methods or (NAS,)))
     if min(counts) < 2:
         raise OptionError(
-            f"--counts has {counts[0]}; give at least 2 trajectories, one of which judges what the others teach."
+            f"--counts has {counts[0]}; give at least 2 trajectories, because one of them is held out for validation."
         )
     return counts, methods
 
@@ -154,14 +152,14 @@ def describe_sufficient_count(method: str, counts: tuple[int, ...], returns: np.
     if len(counts) == 1:
         return (
             f"{LEARNED_ON[method]}: median return {medians[0]:.2f} with "
-            f"{count_of(counts[0], 'trajectory', plural='trajectories')}; how many are enough "
-            "takes several --counts."
+            f"{count_of(counts[0], 'trajectory', plural='trajectories')}; give several --counts to find how many are "
+            "enough."
         )
     best, count = int(np.argmax(medians)), find_sufficient_count(counts, returns)
     text = f"{LEARNED_ON[method]}: smallest number of trajectories whose median return is within "
     text += f"{MAX_EXCESS:.0%} of the best: {count} ({medians[counts.index(count)]:.2f}; best {medians[best]:.2f} with "
     text += f"{counts[best]})"
-    return text + (", the most that was tried, so that more may help." if count == counts[-1] else ".")
+    return text + (", the largest amount tried; more may help." if count == counts[-1] else ".")
 
 
 def make_table(

@@ -17,7 +17,10 @@ from nas_data.studies.experiments.pipeline.compare_methods import (
 )
 from nas_data.studies.experiments.pipeline.sequence import predict_heldout
 
-SKIPPED = "What `nas gap` names is left out: naming six joints takes longer than all the rest; --methods asks for it."
+SKIPPED = (
+    "What `nas gap` names is left out: naming effects in six joints takes longer than all other stages; "
+    "--methods includes it."
+)
 
 
 def run(request: Request) -> ExperimentResult:

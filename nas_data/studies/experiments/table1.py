@@ -91,12 +91,11 @@ def format_cell(value: float) -> str:
 def describe_numbers(found: Sequence) -> list[str]:
     """Return notes on the data and on diverged trajectories."""
     lost = [
-        f"{name} left all bounds in {count_of(len(times), 'episode')}."
-        for name, times in found.evaluation.diverged.items()
+        f"{name} diverged in {count_of(len(times), 'episode')}." for name, times in found.evaluation.diverged.items()
     ]
     return [
-        "Every rollout starts once, at the first measured state of a trajectory that neither φ nor ψ has seen; the "
-        "authors' are of the real arm and of the file that their models were trained on.",
+        "Every rollout starts once, at the first measured state of a trajectory that was not used to train φ or ψ. The "
+        "authors' rollouts are of the real arm, on the file that their models were trained on.",
         *lost,
     ]
 

@@ -82,4 +82,4 @@ def settle(future: "Future[Result]", ended: "Future[Result]") -> None:
         future.set_exception(error.cause)
     else:
         reason = str(error).strip().splitlines()[0].rstrip(".")
-        future.set_exception(WorkerLost(f"Ray lost a trial ({reason}); what was finished is kept: run it again."))
+        future.set_exception(WorkerLost(f"Ray lost a trial ({reason}); finished work is kept: run it again."))

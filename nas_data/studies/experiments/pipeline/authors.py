@@ -61,8 +61,8 @@ RETURNS: Mapping[str, Mapping[str, Numbers]] = {
 }
 
 SIMULATED = (
-    "The authors' numbers (diamonds) are of their target, which is the dynamics 'paper' here, and of their training; "
-    "beside other dynamics they stand for scale alone."
+    "The authors' numbers (diamonds) belong to their target, here the dynamics 'paper', and to their training. With "
+    "other dynamics they only show the scale."
 )
 ON_THE_ARM = (
     "The authors' hits (diamonds) are of the real arm, for which the dynamics 'paper' stands in here: of 2, 4, 1 and 2 "

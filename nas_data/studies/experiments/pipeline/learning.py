@@ -81,7 +81,7 @@ def claim(job: ModelJob, identity: Mapping[str, object], report: Callable[[str],
         return
     if any((job.folder / name).exists() for name in (HISTORY, STATE, CHECKPOINT)):
         different = ", ".join(key for key in identity if held.get(key) != identity[key])
-        report(f"{job.folder} holds a model that differs in {different}: it is trained anew")
+        report(f"{job.folder} holds a model that differs in {different}: it is trained again")
         shutil.rmtree(job.folder)
     write_atomic(job.record, (json.dumps(identity, indent=1) + "\n").encode())
 

@@ -57,7 +57,7 @@ def make_each(name: str, experiment: Experiment, request: Request) -> None:
             for path in make(name, experiment, replace(request, environments=(environment,))).files:
                 request.report(f"→ {path}")
         except Exception as error:  # raised below, after all others
-            request.report(f"{environment} could not be made: {error}")
+            request.report(f"{environment} failed: {error}")
             failed[number] = error
     if failed:
         raise combine_errors(failed, len(request.environments))

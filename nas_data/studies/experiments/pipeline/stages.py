@@ -107,8 +107,10 @@ def learn_on_names(job: Job) -> StageResult:
     material, plan = Artifacts(job.plan, job.folder), job.plan
     if material.named is None or material.explained:
         (job.folder / PHI_NAMED).mkdir(exist_ok=True)
-        nothing = "nothing was named: φ on the names is φ"
-        explained = "what the names leave is at the noise floor: φ has nothing to learn there and is left out"
+        nothing = "no effect was named: φ on the named source is φ"
+        explained = (
+            "the error with the named effects is at the noise floor: φ has nothing to learn there and is left out"
+        )
         return StageResult([nothing if material.named is None else explained], {})
     pairs = pair_again(material.train, plan.source_with(material.named), NAMED, job.folder, DATASETS)
     model = ModelJob("delta", job.folder / pairs.path, plan.delta, job.folder / PHI_NAMED, job.threads)
@@ -149,8 +151,8 @@ STAGES = {  # in parallel runs, stages with dependents come first, then the long
         Stage(
             "record",
             "Record and pair",
-            "The environment's target is driven by random actions, brief, long, weak or smooth by episode, from the "
-            "environment's own starts with its objects; the source is asked where each command leads.",
+            "The environment's target is driven by random actions (brief, long, weak or smooth, by episode) from the "
+            "environment's own initial states, with its objects; the source then predicts every transition.",
             record,
             (DATASETS,),
             (),
@@ -168,8 +170,8 @@ STAGES = {  # in parallel runs, stages with dependents come first, then the long
         Stage(
             PHI,
             "Learn φ",
-            "φ corrects each step of the source; 'validation' is the error of its own rollouts [rad], * the best so "
-            "far, which is kept.",
+            "φ corrects each step of the source; 'validation' is the error of its own rollouts [rad]; * marks the best "
+            "so far, which is kept.",
             make_learner("delta", "φ", PHI),
             (PHI,),
             ("record",),
@@ -178,7 +180,7 @@ STAGES = {  # in parallel runs, stages with dependents come first, then the long
         Stage(
             PHI_NAMED,
             "Learn φ on the names",
-            "Another φ corrects the source that has the named effects, where these leave something to learn.",
+            "Another φ corrects the source with the named effects, if an error above the noise floor remains.",
             learn_on_names,
             (PHI_NAMED,),
             ("record", NAMES),

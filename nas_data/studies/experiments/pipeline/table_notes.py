@@ -64,15 +64,15 @@ def format_edit(edit: Edit | None) -> list[str]:
 
 NAS, NAMED_NAS = "nas", "named_nas"
 ONE_MATERIAL = (
-    "One recording, φ, ψ and naming (each of seed 0) serve all seeds: the spread is that of PPO alone, not of what the "
-    "methods learned before it."
+    "One recording, φ, ψ and naming (each of seed 0) serve all seeds: the spread is that of PPO alone, without that of "
+    "recording, models and names."
 )
 
-ONE_MODEL = "φ and ψ are one each, of seed 0 and from one recording: the numbers have no spread over trainings."
+ONE_MODEL = "There is one φ and one ψ, of seed 0 and from one recording: the numbers have no spread over trainings."
 
 WITHOUT_ENDS = (
-    "With both expert and source among --methods the table says what share of the distance between them each other "
-    "method closes; what is done is not done again."
+    "With both expert and source among --methods the table gives the share of the distance between them that each "
+    "other method closes; finished runs are not repeated."
 )
 
 
@@ -103,7 +103,7 @@ def describe_names_alone(material: Artifacts, comparison: Comparison) -> Sequenc
     if NAMED_NAS not in comparison.study.methods or not material.explained:
         return ()
     return (
-        "What the names leave of the recording is at its noise floor, so that φ has nothing to learn there: "
+        "The error with the named effects is at the noise floor, so φ has nothing to learn there: "
         f"{NAMED_NAS} is the source with the names.",
     )
 
@@ -113,9 +113,9 @@ def describe_intervals(seeds: int) -> str:
     if not 1 < seeds <= MAX_RANGE_VALUES:
         return ""
     return (
-        f"In brackets beside the median: the range of the {seeds} seeds, which holds the median of all seeds in "
-        f"{1 - 2 ** (1 - seeds):.0%} of cases; a bootstrap gives no more from so few, and that of the distance closed "
-        "promises less than its 95 %."
+        f"In brackets beside the median: the range of the {seeds} seeds, which contains the median of all seeds in "
+        f"{1 - 2 ** (1 - seeds):.0%} of cases. A bootstrap of so few seeds gives no more, and the interval of the "
+        "distance closed covers less than 95 %."
     )
 
 
