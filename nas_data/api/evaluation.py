@@ -66,19 +66,19 @@ def evaluate(
     alone = is_model(learned)
     corrected = as_optional_model(str(learned), actuators) if alone else None
     given = corrected if model is None and alone else as_optional_model(model, actuators)
-    judged = None if alone else as_learned(learned)
+    model_to_test = None if alone else as_learned(learned)
     recorded = as_dataset(dataset, episodes)
-    with checkpoint_folder(judged) as own, kept_folders(recorded) as folders:
-        if judged is not None:
-            checkpoint.check_fits(judged.network, recorded, own[0])
-        source = find_judging_source(judged, given, engine, [*own, *folders])
+    with checkpoint_folder(model_to_test) as own, kept_folders(recorded) as folders:
+        if model_to_test is not None:
+            checkpoint.check_fits(model_to_test.network, recorded, own[0])
+        source = find_evaluation_source(model_to_test, given, engine, [*own, *folders])
         simulator = source.simulator(recorded) if source else None
         if simulator is not None and given is not None:
             warn_of_ranges(recorded, find_robot(given))
-        others, notes = ({}, ()) if not plain_fit or source is None else fit_plain(judged, recorded, source, say)
+        others, notes = ({}, ()) if not plain_fit or source is None else fit_plain(model_to_test, recorded, source, say)
         if corrected is not None and corrected != given:
             others = {**others, MODEL: locate_source(corrected, (), (), engine).simulator(recorded)}
-        network = None if judged is None else judged.network
+        network = None if model_to_test is None else model_to_test.network
         found = evaluate_predictors(recorded, simulator, network, count or count_aloud(say), others)
     return replace(found, notes=notes)
 
@@ -116,7 +116,7 @@ def checkpoint_folder(learned: LearnedModel | None) -> Iterator[list[Path]]:
             yield [learned.save(Path(folder, "checkpoint"))]
 
 
-def find_judging_source(
+def find_evaluation_source(
     learned: LearnedModel | None, model: str | None, engine: str | None, kept_in: Sequence[Path]
 ) -> SourceModel | None:
     """Return the source for comparison; None for ψ without a known source.

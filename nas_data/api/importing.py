@@ -50,7 +50,7 @@ class ImportRequest:
     progress: Progress = silence
 
     @property
-    def said(self) -> ImportOptions:
+    def lerobot_options(self) -> ImportOptions:
         """Options for LeRobot datasets besides a map; positions that are unwrapped without a map are radians."""
         radians = self.unwrap and self.map is None and self.calibration is None
         return ImportOptions(self.unit or ("rad" if radians else None), self.calibration, self.rate, self.uniform)
@@ -134,7 +134,7 @@ def read_logs(request: ImportRequest) -> Imported:
     mapping, notes = find_map(request)
     if mapping is None:
         name = choose_dataset_name(request.logs)
-        dataset, provenance, findings = import_dataset(request.logs[0], request.said)
+        dataset, provenance, findings = import_dataset(request.logs[0], request.lerobot_options)
         result = Import(dataset, provenance, subtasks([resolve(request.logs[0])]), findings)
     else:
         name, result = mapping.robot, import_by_map(request.logs, mapping, request.progress, request.unwrap)
@@ -156,8 +156,8 @@ def find_map(request: ImportRequest) -> tuple[Map | None, tuple[str, ...]]:
     Raises:
         OptionError: the options contradict each other.
     """
-    said = request.said
-    if request.map is None and not said.needs_map:
+    options = request.lerobot_options
+    if request.map is None and not options.needs_map:
         return None, ()
     if request.map is None:
         path = request.logs[0]
@@ -168,7 +168,7 @@ def find_map(request: ImportRequest) -> tuple[Map | None, tuple[str, ...]]:
     else:
         mapping = load_map(request.map)
     if mapping.layout.format == LEROBOT:
-        return complete_map(mapping, request.logs, said)
+        return complete_map(mapping, request.logs, options)
     given = next((name for name in ("unit", "calibration", "rate", "uniform") if getattr(request, name)), None)
     if given:
         raise OptionError(f"--{given} is for LeRobot datasets; for logs, set it in the map {request.map}.")

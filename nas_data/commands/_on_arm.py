@@ -81,11 +81,11 @@ class OnArm:
         count = Counting("rolled out")
         for policy, seed in turns[len(scores) :]:
             count(len(scores), len(turns))
-            bouts, judgement = roll_out_on_arm(task, stepper, policy, seed)
+            attempts, score = roll_out_on_arm(task, stepper, policy, seed)
             if saved:
                 stepper.extend_deadline(SAVING)
-                saved.save(bouts, judgement)
-            scores.append(judgement.score())
+                saved.save(attempts, score)
+            scores.append(score.to_returns())
         return scores
 
     @contextmanager

@@ -95,7 +95,7 @@ def count_frames(path: Path) -> int:
     if not path.is_file():
         raise DatasetInvalid(f"{path.name} is missing")
     try:
-        if is_whole(path):
+        if is_complete_video(path):
             with av.open(str(path)) as container:
                 return int(container.streams.video[0].frames)
     except (av.FFmpegError, LookupError):  # it holds no video
@@ -103,7 +103,7 @@ def count_frames(path: Path) -> int:
     raise DatasetInvalid(f"{path.name} is not a complete video file")
 
 
-def is_whole(path: Path) -> bool:
+def is_complete_video(path: Path) -> bool:
     """Whether the boxes of an MP4 file end at the end of the file; a truncated one may still open."""
     end, length = 0, path.stat().st_size
     with path.open("rb") as stream:

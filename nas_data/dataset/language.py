@@ -50,7 +50,7 @@ def move_times(column: pa.ChunkedArray, clocks: Sequence[tuple[np.ndarray, np.nd
     return pa.chunked_array([pa.ListArray.from_arrays(offsets, moved, type=column.type, mask=empty)])
 
 
-def make_alike(columns: Sequence[pa.ChunkedArray]) -> list[pa.ChunkedArray]:
+def unify_types(columns: Sequence[pa.ChunkedArray]) -> list[pa.ChunkedArray]:
     """Return columns that can be concatenated without a change of values.
 
     LeRobot's writer derives a column's type from the tool calls in its file. If the calls of two files have different

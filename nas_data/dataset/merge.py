@@ -29,7 +29,7 @@ def merge(originals: Sequence[Original]) -> Derived:
     """
     first = originals[0]
     for other in originals[1:]:
-        check_alike(first, other)
+        check_mergeable(first, other)
     names = ", ".join(original.parent.name for original in originals)
     files = [original.attachments for original in originals]
     return Derived(
@@ -98,7 +98,7 @@ def list_merge_warnings(originals: Sequence[Original]) -> Iterator[str]:
         )
 
 
-def check_alike(a: Original, b: Original) -> None:
+def check_mergeable(a: Original, b: Original) -> None:
     """Refuse two datasets that cannot be merged.
 
     Raises:

@@ -195,20 +195,20 @@ def make_from_arrays(
     measured = split_episodes(positions, n, "positions")
     asked = [
         np.concatenate([part, part[-1:]]) if len(part) and len(part) + 1 == len(rows) else part
-        for part, rows in zip_alike(split_episodes(commands, n, "commands"), measured, "commands")
+        for part, rows in zip_episodes(split_episodes(commands, n, "commands"), measured, "commands")
     ]
     columns = {STATE: measured, ACTION: asked}
     features: dict[str, Feature] = {STATE: make_position_feature(joints, slides)}
     features[ACTION] = make_action_feature(joints, [KINDS[each] for each in kinds], slides)
     if velocities is not None:
-        pairs = zip_alike(split_episodes(velocities, n, "velocities"), measured, "velocities")
+        pairs = zip_episodes(split_episodes(velocities, n, "velocities"), measured, "velocities")
         columns[STATE] = [
             np.concatenate([rows, part], axis=1) for part, rows in pairs if check_same_length(part, rows, "velocities")
         ]
         features[STATE] = make_state_feature(joints, slides)
     if times is not None:
         clocks = [times] if np.ndim(times[0]) == 0 else list(times)
-        pairs = zip_alike([np.reshape(np.asarray(part, float), (-1, 1)) for part in clocks], measured, "times")
+        pairs = zip_episodes([np.reshape(np.asarray(part, float), (-1, 1)) for part in clocks], measured, "times")
         columns[TIME] = [part - part[:1] for part, rows in pairs if check_same_length(part, rows, "times")]
         features[TIME] = make_time_feature()
     for part, rows in zip(asked, measured, strict=True):
@@ -269,7 +269,7 @@ def split_episodes(values: Episodes, width: int, what: str) -> list[Array]:
     return arrays
 
 
-def zip_alike(parts: list[Array], measured: list[Array], what: str) -> list[tuple[Array, Array]]:
+def zip_episodes(parts: list[Array], measured: list[Array], what: str) -> list[tuple[Array, Array]]:
     """Return pairs of each episode's values and positions.
 
     Raises:

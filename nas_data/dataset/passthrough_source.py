@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from nas_data.dataset import layout
 from nas_data.dataset.info import DatasetInfo
-from nas_data.dataset.language import make_alike
+from nas_data.dataset.language import unify_types
 from nas_data.dataset.parquet import open_parquet, read_parquet, try_parquet
 from nas_data.dataset.videos import VIDEO_PATH, Clip, VideoPlace
 from nas_data.errors import DatasetInvalid
@@ -182,6 +182,6 @@ def take_rows(wanted: np.ndarray, tables: Sequence[tuple[int, Callable[[np.ndarr
 def join_tables(parts: Sequence[pa.Table]) -> pa.Table:
     """Concatenate tables with the same columns; values stay unchanged."""
     names = parts[0].column_names
-    columns = {name: make_alike([part[name] for part in parts]) for name in names}
+    columns = {name: unify_types([part[name] for part in parts]) for name in names}
     alike = [pa.table({name: columns[name][number] for name in names}) for number in range(len(parts))]
     return pa.concat_tables(alike, promote_options="permissive")

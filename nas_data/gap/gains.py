@@ -31,7 +31,7 @@ def with_relative_gains(dataset: Dataset, model: str | Path, name: str | Path) -
         return dataset
     registers, own = dataset.columns[REGISTER].astype(float), read_model_register(model)
     if own is None:
-        check_alike(registers, model, name)
+        check_equal_gains(registers, model, name)
         return dataset
     check_registers(dataset, registers, name)
     n = len(dataset.joints)
@@ -65,7 +65,7 @@ def read_model_register(model: str | Path) -> float | None:
     return value
 
 
-def check_alike(registers: np.ndarray, model: str | Path, name: str | Path) -> None:
+def check_equal_gains(registers: np.ndarray, model: str | Path, name: str | Path) -> None:
     """Refuse gains that differ if the model does not state the register of its own."""
     values = np.unique(registers, axis=0)
     if len(values) > 1:

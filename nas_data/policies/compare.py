@@ -182,7 +182,7 @@ class Comparison:
         """Return each seed's diverged episodes in training (`learning`) or evaluation (`judging`), shape (seeds,)."""
         return np.array([getattr(self.results[method, seed].diverged, when) for seed in self.study.seeds])
 
-    def lost(self) -> list[str]:
+    def describe_diverged(self) -> list[str]:
         """Return sentences on methods with diverged episodes."""
         notes = []
         for method in self.study.methods:
@@ -213,7 +213,7 @@ class Comparison:
             return None
         return compute_share(self.values(method), self.values(SOURCE_METHOD), self.values(EXPERT_METHOD))
 
-    def at_stake(self) -> ReturnRange | None:
+    def compute_advantage(self) -> ReturnRange | None:
         """Return the difference of expert and source returns; None if one of them is not compared."""
         if not {SOURCE_METHOD, EXPERT_METHOD} <= set(self.study.methods):
             return None
@@ -221,13 +221,13 @@ class Comparison:
 
     def describe(self) -> dict[str, object]:
         """Return the comparison for JSON."""
-        at_stake = self.at_stake()
+        advantage = self.compute_advantage()
         return {
             "target": self.study.target.describe(),
             "frames": self.study.frames,
             "episodes": self.study.episodes,
             "seeds": list(self.study.seeds),
-            "at_stake": None if at_stake is None else at_stake.describe(),
+            "at_stake": None if advantage is None else advantage.describe(),
             "methods": {method: self._describe_method(method) for method in self.study.methods},
         }
 
@@ -246,9 +246,9 @@ class Comparison:
         """Return the comparison as text."""
         closed = format_share_heading(len(self.study.seeds))
         headers = ("method", "seeds", "return: median", "min … max", "success: median", closed)
-        at_stake = self.at_stake()
-        nothing = None if at_stake is None else at_stake.sentence()
-        notes = [*([nothing] if nothing else []), *self.shared(), *self.lost()]
+        advantage = self.compute_advantage()
+        nothing = None if advantage is None else advantage.sentence()
+        notes = [*([nothing] if nothing else []), *self.shared(), *self.describe_diverged()]
         return "\n".join([format_table(headers, [self._row(method) for method in self.study.methods]), *notes])
 
     def _row(self, method: str) -> tuple[str, ...]:

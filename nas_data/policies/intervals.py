@@ -84,7 +84,7 @@ class Share:
     value: float
     low: float  # lower end of the bootstrap interval over seeds; see `describe_bootstrap`
     high: float  # upper end
-    at_stake: float  # median of expert − median of source, in return
+    advantage: float  # median of expert − median of source, in return
     seeds: int  # number of seeds of the method
 
     def __str__(self) -> str:
@@ -98,7 +98,7 @@ class Share:
     def describe(self) -> dict[str, object]:
         """Return the share for JSON."""
         interval = {"interval": [self.low, self.high], "interval_is": describe_bootstrap(self.seeds)}
-        return {"value": self.value, **interval, "at_stake": self.at_stake}
+        return {"value": self.value, **interval, "at_stake": self.advantage}
 
 
 def compute_share(method: np.ndarray, source: np.ndarray, expert: np.ndarray) -> Share:

@@ -43,7 +43,7 @@ class ArmEpisode:
         commands: Commands as sent [rad], T of shape (n,).
         voltages: [V], T of shape (n,).
         temperatures: [°C], T of shape (n,).
-        unheard: Indices of readings that were repeated after a bus error.
+        after_bus_error: Indices of readings that were repeated after a bus error.
     """
 
     due: list[float] = field(default_factory=list)
@@ -51,7 +51,7 @@ class ArmEpisode:
     commands: list[np.ndarray] = field(default_factory=list)
     voltages: list[np.ndarray] = field(default_factory=list)
     temperatures: list[np.ndarray] = field(default_factory=list)
-    unheard: set[int] = field(default_factory=set)
+    after_bus_error: set[int] = field(default_factory=set)
 
     def active_commands(self) -> np.ndarray:
         """Return the commands that were active in each step [rad], shape (T, n).
@@ -80,7 +80,7 @@ class ArmEpisode:
         return np.array([False, *again])
 
     def _find_repeated(self) -> np.ndarray:
-        return np.isin(np.arange(len(self.readings)), list(self.unheard))
+        return np.isin(np.arange(len(self.readings)), list(self.after_bus_error))
 
 
 class ArmMotion:

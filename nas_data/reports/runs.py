@@ -84,7 +84,7 @@ class PolicyRun:
     frames: int  # control steps of its training
     curve: LearningCurve  # its learning curve
     seconds: float  # its duration [s]
-    judged: PolicyScore | None  # its score on the target; None if it was not evaluated
+    target_score: PolicyScore | None  # its score on the target; None if it was not evaluated
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ def read_policy(folder: Path) -> PolicyRun:
             frames=int(progress["frames"][-1]),
             curve=curve,
             seconds=float(progress["seconds"][-1]),
-            judged=result.score if result else None,
+            target_score=result.score if result else None,
         )
     except (KeyError, ValueError, TypeError) as error:
         raise CheckpointError(f"{folder} is a damaged policy ({error!r}); train it again.") from None
@@ -201,4 +201,4 @@ def find_method(plant: TrainedPlant) -> str:
 
 def collect_scores(runs: Sequence[PolicyRun], name: str = "mean_return") -> np.ndarray:
     """Return one entry of `PolicyScore` for each evaluated policy, shape (policies,)."""
-    return np.array([getattr(run.judged, name) for run in runs if run.judged is not None])
+    return np.array([getattr(run.target_score, name) for run in runs if run.target_score is not None])

@@ -46,7 +46,7 @@ class Work(Generic[Plan]):
 class StageResult:
     """Result of a stage."""
 
-    said: Sequence[str]  # lines of text, printed once
+    lines: Sequence[str]  # lines of text, printed once
     data: Mapping[str, object]  # values for JSON
     summary: Sequence[str] = ()  # summary of one or two lines, printed at the end of every run
 
@@ -185,7 +185,7 @@ def do(stage: Stage[Plan], work: Work[Plan]) -> Done:
         commit=find_commit(),
         when=format_current_time(),
         load=round(os.getloadavg()[0], 1),
-        said=tuple(found.said),
+        said=tuple(found.lines),
         data=found.data,
         summary=tuple(found.summary),
     )

@@ -13,7 +13,7 @@ from nas_data.benchmarks.blind.benchmark import run_cases, tell
 from nas_data.benchmarks.blind.case import Identity
 from nas_data.benchmarks.blind.grade import ConfidenceGrade
 from nas_data.benchmarks.blind.record import CaseFailure
-from nas_data.benchmarks.blind.run_case import Judge
+from nas_data.benchmarks.blind.run_case import CaseRunner
 from nas_data.benchmarks.blind.tables import compute_rest, compute_share, median
 from nas_data.commands.benchmark_gap import investigate
 from nas_data.gap import workflow
@@ -98,7 +98,7 @@ def judge_small(table, out):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(workflow, "show", lambda *_: None)
         patch.setattr(workflow, "propose_experiment", lambda *_: workflow.Proposal())
-        return run_cases(identities(table), Judge(investigate), out, print)
+        return run_cases(identities(table), CaseRunner(investigate), out, print)
 
 
 def check_predictions(records):
@@ -145,7 +145,7 @@ def test_a_bar_is_missed_by_who_is_sure_and_wrong(small):
 def large(tmp_path_factory):
     """Judge the large cases, for about half an hour."""
     out = Path(os.environ.get(KEPT_IN) or tmp_path_factory.mktemp("large"))
-    return run_cases(identities(LARGE), Judge(investigate), out, print)
+    return run_cases(identities(LARGE), CaseRunner(investigate), out, print)
 
 
 def of_family(records, family):

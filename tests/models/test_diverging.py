@@ -203,4 +203,4 @@ def test_a_study_does_its_other_runs_where_one_cannot_be_done(tmp_path, monkeypa
     assert found.describe()["methods"]["source"]["diverged"] == {"learning": [0, 0], "judging": [0, 0]}
     record = json.loads((tmp_path / "source/seed0/result.json").read_text())
     assert record["judging"]["cpu_seconds"] > 0
-    assert found.lost() == []
+    assert found.describe_diverged() == []

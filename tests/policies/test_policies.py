@@ -285,7 +285,7 @@ def test_the_share_closed_is_zero_for_the_source_and_one_for_the_expert_and_mono
     result = compute_share(method, source, expert)
     if np.isnan(result.value):
         assert str(result) == "undefined"
-        assert result.at_stake <= 1e-9 * max(1.0, np.abs(source).max(), np.abs(expert).max())
+        assert result.advantage <= 1e-9 * max(1.0, np.abs(source).max(), np.abs(expert).max())
         return
     assert compute_share(source, source, expert).value == 0
     assert compute_share(expert, source, expert).value == pytest.approx(1)

@@ -36,7 +36,7 @@ from nas_data.policies.evaluate import SEED
 from nas_data.policies.rollouts import recorded
 from nas_data.policies.rollouts.arm_setup import EVENT, KEY_EVENT, KEY_S, Keyboard
 from nas_data.policies.rollouts.robot_stepper import RobotStepper
-from nas_data.policies.rollouts.rollout import read_judgements
+from nas_data.policies.rollouts.rollout import read_rollout_scores
 from nas_data.policies.rollouts.two_arm_planner import make_two_arm_planner
 from nas_data.recorders.guarded import GuardedArm, Setup
 from nas_data.recorders.path_planner import PathPlanner
@@ -147,7 +147,7 @@ def test_an_arm_is_not_led_into_the_floor(capsys, monkeypatch):
 
 
 def short(monkeypatch: pytest.MonkeyPatch, steps: int) -> None:
-    """Let bouts of ErgoShield last so many steps at most, and arms hold their first poses for less long."""
+    """Let attempts of ErgoShield last so many steps at most, and arms hold their first poses for less long."""
     monkeypatch.setattr("nas_data.policies.rollouts.two_arm_planner.SETTLE", 0.1)
     task = replace(find_task("ErgoShield"), horizon=steps)
     monkeypatch.setattr("nas_data.commands._on_arm.find_task", lambda _: task)
@@ -348,7 +348,7 @@ def test_rollouts_go_on_where_they_stopped(capsys):
 
 def returns_of(dataset) -> list[float]:
     """Return the sum of rewards of each rollout."""
-    return [float(judgement.score().returns[0]) for judgement in read_judgements(dataset)]
+    return [float(judgement.to_returns().returns[0]) for judgement in read_rollout_scores(dataset)]
 
 
 @pytest.fixture(scope="module")
@@ -439,7 +439,7 @@ def test_a_rollout_is_saved_with_all_its_bouts_or_not_at_all(capsys, monkeypatch
     whole = read(Path(answer["dataset"]))
     assert whole.lengths.tolist() == [21, 19] * 2
     assert answer["returns"] == [[1.0, 1.0]]
-    assert np.flatnonzero(whole.columns[REWARD][:, 0]).tolist() == [20, 60], "a hit is the last row of its bout"
+    assert np.flatnonzero(whole.columns[REWARD][:, 0]).tolist() == [20, 60], "a hit is the last row of its attempt"
     assert np.flatnonzero(whole.columns[DONE][:, 0]).tolist() == [39, 79]
     assert np.flatnonzero(~whole.columns[SUCCESS][:, 0].astype(bool)).tolist() == [*range(20), *range(40, 60)]
 

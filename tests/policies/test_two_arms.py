@@ -152,7 +152,7 @@ def test_an_arm_in_a_touch_may_leave_it_and_is_sent_back_where_it_does_not(monke
 
         def sent(command: np.ndarray) -> np.ndarray:
             stepper.step(command[None])
-            return stepper.take_bouts()[-1].commands[-1]
+            return stepper.pop_attempts()[-1].commands[-1]
 
         with monkeypatch.context() as patch:
             patch.setattr(PathPlanner, "enters_contact", lambda *_: False)

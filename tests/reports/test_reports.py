@@ -312,7 +312,7 @@ def test_runs_are_read_as_they_were_written(runs):
     groups = found.groups()
     assert list(groups) == ["expert", "source"]
     assert [(run.seed, run.frames) for run in groups["source"]] == [(0, 512), (1, 512)]
-    assert [run.judged.mean_return for run in groups["source"]] == [-2.0, -3.0]
+    assert [run.target_score.mean_return for run in groups["source"]] == [-2.0, -3.0]
 
 
 def test_a_run_named_twice_counts_once(runs):

@@ -15,7 +15,7 @@ from nas_data.models.presets import preset
 from nas_data.models.split import select_frames
 from nas_data.reports.figures import AblationCurve, draw_error_over_amount
 from nas_data.reports.style import to_png
-from nas_data.studies.ablation.judging import TrainingData, TrialResult
+from nas_data.studies.ablation.evaluation import TrainingData, TrialResult
 from nas_data.studies.ablation.kinds.base import FOLDER as KINDS
 from nas_data.studies.ablation.kinds.base import ModelKind, find_kind
 from nas_data.studies.ablation.summary import MAX_EXCESS, Spread, SweepSummary

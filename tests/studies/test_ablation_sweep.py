@@ -26,7 +26,7 @@ from nas_data.gap.write_model import write_effects
 from nas_data.models.split import select_frames, split_validation
 from nas_data.runs.environment_info import find_commit
 from nas_data.studies.ablation import trial as trials
-from nas_data.studies.ablation.judging import TrialResult
+from nas_data.studies.ablation.evaluation import TrialResult
 from nas_data.studies.ablation.kinds.base import TrainingInput, find_kind
 from nas_data.studies.ablation.sweep import open_sweep, run_sweep
 from nas_data.studies.ablation.sweep_data import Amount, SweepData, divide, draw
@@ -265,7 +265,7 @@ def test_a_failed_trial_is_recorded_with_its_sentence_and_can_be_retried(place, 
     (record,) = answers(Path("run")).values()
     assert "at least two are needed" in record["failed"]
     done_again = []
-    monkeypatch.setattr(trials, "learn_and_judge", lambda *_: done_again.append(1) or TrialResult(failed="Again."))
+    monkeypatch.setattr(trials, "train_and_evaluate", lambda *_: done_again.append(1) or TrialResult(failed="Again."))
     assert "1 of them failed; --retry does them again" in nas(*command).err
     assert not done_again
     assert "Again." in nas(*command, "--retry").out
@@ -274,12 +274,12 @@ def test_a_failed_trial_is_recorded_with_its_sentence_and_can_be_retried(place, 
 
 def test_a_fault_of_ours_ends_one_trial_and_keeps_its_traceback(place, tmp_path, monkeypatch):
     waiting = planned(place, tmp_path, kinds=("forward",))
-    plain = trials.learn_and_judge
+    plain = trials.train_and_evaluate
 
     def faulty(trial, folder):
         return plain(trial, folder) if trial is not waiting[1] else {}["friction"]
 
-    monkeypatch.setattr(trials, "learn_and_judge", faulty)
+    monkeypatch.setattr(trials, "train_and_evaluate", faulty)
     results = run_sweep(waiting, here_and_now, 1, False, silent)
     assert [result.failed for result in results] == [None, "KeyError: 'friction'.", None]
     assert "faulty" in "".join(results[1].traceback)

@@ -265,9 +265,9 @@ def test_named_and_phi_is_compared_with_phi_alone_seed_by_seed():
 
 def test_episodes_that_left_all_bounds_are_told_by_method():
     found = comparison(nas=[-70.0, -60.0], source=[-70.0, -60.0])
-    assert found.lost() == []
+    assert found.describe_diverged() == []
     found.results["nas", 1] = replace(found.results["nas", 1], diverged=DivergedEpisodes(1200, 3))
-    (sentence,) = found.lost()
+    (sentence,) = found.describe_diverged()
     assert sentence.startswith("nas: 1,200 episodes in training and 3 in evaluation diverged")
     assert found.describe()["methods"]["nas"]["diverged"] == {"learning": [0, 1200], "judging": [0, 3]}
     assert sentence in found.table()

@@ -9,7 +9,7 @@ from nas_data.benchmarks.blind.baselines.base import find_baseline
 from nas_data.benchmarks.blind.case import DEFAULT, FAMILIES, Identity, Name
 from nas_data.benchmarks.blind.plants.base import find_plant
 from nas_data.benchmarks.blind.record import CaseFailure, CaseRecord
-from nas_data.benchmarks.blind.run_case import Investigate, Judge, check_code
+from nas_data.benchmarks.blind.run_case import CaseRunner, Investigate, check_code
 from nas_data.benchmarks.blind.settings.base import find_setting
 from nas_data.errors import OptionError, UnknownName
 
@@ -66,32 +66,32 @@ def run(plan: BlindPlan, out: Path, investigate: Investigate, report: Callable[[
 
     Raises:
         UnknownName, OptionError: the plan cannot be run.
-        OutputExists: finished cases were judged by other code.
+        OutputExists: finished cases were evaluated by other code.
     """
     plan.check()
-    return run_cases(list(plan.identities()), Judge(investigate, plan.baselines, plan.keep), out, report)
+    return run_cases(list(plan.identities()), CaseRunner(investigate, plan.baselines, plan.keep), out, report)
 
 
 def run_cases(
-    identities: Sequence[Identity], judge: Judge, out: Path, report: Callable[[str], None]
+    identities: Sequence[Identity], runner: CaseRunner, out: Path, report: Callable[[str], None]
 ) -> list[CaseRecord]:
     """Run the unfinished ones of some cases and return the records of all; arguments as for `run`."""
     paths = {identity: out / RESULTS / f"{identity.name}.json" for identity in identities}
     known = {identity: record for identity, path in paths.items() if (record := CaseRecord.read(path)) is not None}
     check_code(known, out)
-    records, began, judged = [], time.monotonic(), 0
+    records, began, evaluated = [], time.monotonic(), 0
     for done, (identity, path) in enumerate(paths.items(), start=1):
         record = known.get(identity)
-        if record is None or not judge.is_done(record):
-            record = judge.judge(identity, out / FOLDERS / identity.name, record).store(path)
-            judged += 1
-            left = (time.monotonic() - began) / judged * (len(paths) - done)
-            report(f"{done} of {len(paths)}, about {left / 60:.0f} min left: {tell(record)}")
+        if record is None or not runner.is_done(record):
+            record = runner.run(identity, out / FOLDERS / identity.name, record).store(path)
+            evaluated += 1
+            left = (time.monotonic() - began) / evaluated * (len(paths) - done)
+            report(f"{done} of {len(paths)}, about {left / 60:.0f} min left: {describe_case(record)}")
         records.append(record)
     return records
 
 
-def tell(record: CaseRecord) -> str:
+def describe_case(record: CaseRecord) -> str:
     """Describe a finished case in one line."""
     found = record.outcome
     if isinstance(found, CaseFailure):

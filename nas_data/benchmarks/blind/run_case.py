@@ -48,7 +48,7 @@ def check_code(records: Mapping[Identity, CaseRecord], folder: Path) -> None:
     if other:
         raise OutputExists(
             f"{folder} holds {count_of(len(other), 'case')} graded by another version of nas_data "
-            f"({tell_commits(other)}): the search, the cases or the grading have changed; "
+            f"({format_commits(other)}): the search, the cases or the grading have changed; "
             f"remove {folder} or choose another --out."
         )
 
@@ -59,7 +59,7 @@ def is_by_this_code(identity: Identity, record: CaseRecord) -> bool:
     return same and record.code == hash_case_code(identity)
 
 
-def tell_commits(records: Sequence[CaseRecord]) -> str:
+def format_commits(records: Sequence[CaseRecord]) -> str:
     """Name the commits of records."""
     commits = sorted({record.commit[:12] for record in records if record.commit})
     return f"commit {', '.join(commits)}" if commits else "commit unknown"
@@ -72,7 +72,7 @@ FOUND = "found"  # the workflow's folder within that of the case
 
 
 @dataclass(frozen=True)
-class Judge:
+class CaseRunner:
     """Runs and grades cases."""
 
     investigate: Investigate  # the workflow under test
@@ -83,7 +83,7 @@ class Judge:
         """Whether a record holds all requested results."""
         return not self._list_missing_baselines(record)
 
-    def judge(self, identity: Identity, folder: Path, known: CaseRecord | None = None) -> CaseRecord:
+    def run(self, identity: Identity, folder: Path, known: CaseRecord | None = None) -> CaseRecord:
         """Draw, write, investigate and grade one case.
 
         Args:

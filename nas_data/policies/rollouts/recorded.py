@@ -28,7 +28,7 @@ from nas_data.dataset.write_lock import hold_write_lock
 from nas_data.errors import OptionError
 from nas_data.policies.evaluate import Returns
 from nas_data.policies.rollouts.robot_stepper import ArmAttempt, RolloutTally
-from nas_data.policies.rollouts.rollout import RolloutScore, read_judgements
+from nas_data.policies.rollouts.rollout import RolloutScore, read_rollout_scores
 from nas_data.recorders.arm_dataset import to_dataset
 from nas_data.recorders.recording_folder import (
     choose_recording_folder,
@@ -66,18 +66,18 @@ class Recorder:
     # origin of the episodes, without statistics. Only rollouts of equal provenance can be resumed.
     provenance: Provenance
 
-    def dataset(self, bouts: Sequence[ArmAttempt], judgement: RolloutScore) -> Dataset:
+    def dataset(self, attempts: Sequence[ArmAttempt], score: RolloutScore) -> Dataset:
         """Return a rollout of T steps as a dataset, with one episode per reset."""
-        dataset = concatenate([self._convert_attempt(bout) for bout in bouts])
-        for key, column in judgement.columns().items():
+        dataset = concatenate([self._convert_attempt(attempt) for attempt in attempts])
+        for key, column in score.columns().items():
             dataset = dataset.with_column(key, FEATURES[key], column)
         return dataset
 
-    def _convert_attempt(self, bout: ArmAttempt) -> Dataset:
-        dataset = to_dataset(bout, self.joints, self.rate, self.task, self.provenance.robot)
+    def _convert_attempt(self, attempt: ArmAttempt) -> Dataset:
+        dataset = to_dataset(attempt, self.joints, self.rate, self.task, self.provenance.robot)
         if not self.objects.width:
             return dataset
-        opponents = np.array(bout.opponents, dtype=np.float32)
+        opponents = np.array(attempt.opponents, dtype=np.float32)
         dataset = dataset.with_column(ENVIRONMENT, self.objects, opponents[:-1])
         return dataset.with_column(NEXT_ENVIRONMENT, self.objects, opponents[1:])
 
@@ -99,7 +99,7 @@ class Saved:
             dataset = read(growing.root)
             if not FEATURES.keys() <= dataset.features.keys():
                 raise make_other_recording_error(growing.root, "another command", "--record")
-            self.scores = [judgement.score() for judgement in read_judgements(dataset)]
+            self.scores = [score.to_returns() for score in read_rollout_scores(dataset)]
 
     def resume(self, recorder: Recorder) -> None:
         """Begin or resume a recording.
@@ -114,13 +114,13 @@ class Saved:
             if other:
                 raise make_other_recording_error(self.growing.root, f"another {' and '.join(other)}", "--record")
 
-    def save(self, bouts: Sequence[ArmAttempt], judgement: RolloutScore) -> None:
+    def save(self, attempts: Sequence[ArmAttempt], score: RolloutScore) -> None:
         """Save a rollout and flush it to the disk. Call `resume` first."""
         assert self._recorder is not None
         provenance = self._recorder.provenance
         target = {**(provenance.target or {}), "tally": asdict(self.tally)}
-        self.growing.append(self._recorder.dataset(bouts, judgement), replace(provenance, target=target))
-        self.scores.append(judgement.score())
+        self.growing.append(self._recorder.dataset(attempts, score), replace(provenance, target=target))
+        self.scores.append(score.to_returns())
 
     def describe_progress(self, wanted: int) -> str:
         """Return a sentence on how many of the wanted episodes are saved, and how to resume."""

@@ -75,7 +75,7 @@ class RobotStepper:
         self._retry = Retry(TRIES, self._stand_still)
         for arm in self._arms:
             arm.retry = self._retry
-        self._bouts, self._bout, self._due = list[ArmAttempt](), ArmAttempt(), 0.0
+        self._attempts, self._attempt, self._due = list[ArmAttempt](), ArmAttempt(), 0.0
         self._state, self._opponent = np.zeros(2 * len(self.joints)), np.zeros(model.object_feature.width)
         self._guidance: np.ndarray = np.zeros(len(self.joints))
         self._safe: np.ndarray = self._guidance
@@ -96,7 +96,7 @@ class RobotStepper:
         n = len(self.joints)
         self._guidance = states[0, 2 * n : 3 * n].copy()
         self._move_to(np.concatenate([states[0, :n], self._guidance]) if self._defender else states[0, :n])
-        self._bout, self._due = ArmAttempt(), self._attacker.clock.now() + LEAD
+        self._attempt, self._due = ArmAttempt(), self._attacker.clock.now() + LEAD
         self._read(self._retry.failures)
         here, _ = self._measured()
         self._safe = here - self._planner.sag(here)
@@ -107,13 +107,13 @@ class RobotStepper:
 
     def step(self, commands: np.ndarray) -> np.ndarray:
         """Send commands [rad], shape (1, n), wait for the end of the control period, and read the arms."""
-        n, unheard = len(self.joints), self._retry.failures
+        n, failures = len(self.joints), self._retry.failures
         sent = self._avoid_contact(np.concatenate([commands[0], self._guidance]))
-        self._attacker.record_command(self._bout, sent[:n])
+        self._attacker.record_command(self._attempt, sent[:n])
         if self._defender:
             self._defender.send(sent[n:])
         self._due += self._attacker.period
-        self._read(unheard)
+        self._read(failures)
         over = (self._attacker.clock.now() - self._due) // self._attacker.period
         self._due += max(0.0, over) * self._attacker.period  # skip missed periods instead of catching up
         self.tally.steps += 1
@@ -132,14 +132,14 @@ class RobotStepper:
         self._body.reset(np.concatenate([self._state, self._opponent])[None])
         return self._body.site_positions(name)
 
-    def take_bouts(self) -> list[ArmAttempt]:
+    def pop_attempts(self) -> list[ArmAttempt]:
         """End the present attempt, and return all attempts since the last call."""
         self._end_attempt()
-        bouts, self._bouts = self._bouts, []
+        attempts, self._attempts = self._attempts, []
         retries = sum(motion.arm.retries for motion in self._arms)
         self.tally.retries, self._retries = self.tally.retries + retries - self._retries, retries
         self.tally.unheard, self._retry.failures = self.tally.unheard + self._retry.failures, 0
-        return bouts
+        return attempts
 
     def extend_deadline(self, seconds: float) -> None:
         """Tell the watchdogs that the next message comes within a time [s]; raises like `ArmMotion.extend_deadline`."""
@@ -147,20 +147,20 @@ class RobotStepper:
 
     def _end_attempt(self) -> None:
         """Append the readings and commands since the last reset to the attempts."""
-        bout, self._bout = self._bout, ArmAttempt()
-        if bout.commands:
-            self.tally.late += int(bout.late(self._attacker.period)[1:].sum())
-            self.tally.missed += int(bout.missed(self._attacker.period)[1:].sum())
-            self._bouts.append(bout)
+        attempt, self._attempt = self._attempt, ArmAttempt()
+        if attempt.commands:
+            self.tally.late += int(attempt.late(self._attacker.period)[1:].sum())
+            self.tally.missed += int(attempt.missed(self._attacker.period)[1:].sum())
+            self._attempts.append(attempt)
 
-    def _read(self, unheard: int) -> None:
-        """Read the arms; flag the reading if there were more bus errors than `unheard`."""
-        self._state = _stack_state(self._attacker.record_reading(self._bout, self._due))
+    def _read(self, failures: int) -> None:
+        """Read the arms; flag the reading if there were more bus errors than `failures`."""
+        self._state = _stack_state(self._attacker.record_reading(self._attempt, self._due))
         if self._defender:
             self._opponent = _stack_state(self._defender.sense())
-        self._bout.opponents.append(self._opponent)
-        if self._retry.failures > unheard:
-            self._bout.unheard.add(len(self._bout.readings) - 1)
+        self._attempt.opponents.append(self._opponent)
+        if self._retry.failures > failures:
+            self._attempt.after_bus_error.add(len(self._attempt.readings) - 1)
 
     def _move_to(self, pose: np.ndarray) -> None:
         """Move slowly to a pose [rad], shape (n,) or (2n,), and cool there if a servo is hot."""
@@ -173,7 +173,7 @@ class RobotStepper:
 
     def _stand_still(self) -> None:
         """Send the arms to their last safe poses: a command was checked for the next 0.1 s only."""
-        if self._bout.commands:
+        if self._attempt.commands:
             for motion, pose in zip(self._arms, np.split(self._safe, len(self._arms)), strict=True):
                 motion.command(pose)
 

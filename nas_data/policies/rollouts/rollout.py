@@ -35,7 +35,7 @@ class RolloutScore:
         done = np.arange(len(self.rewards)) == len(self.rewards) - 1
         return {REWARD: self.rewards[:, None], DONE: done[:, None], SUCCESS: self.successes[:, None]}
 
-    def score(self) -> Returns:
+    def to_returns(self) -> Returns:
         """Return the score of the episode."""
         return Returns(
             returns=np.array([self.rewards.sum(dtype=float)]),
@@ -45,7 +45,7 @@ class RolloutScore:
         )
 
 
-def read_judgements(dataset: Dataset) -> Iterator[RolloutScore]:
+def read_rollout_scores(dataset: Dataset) -> Iterator[RolloutScore]:
     """Yield the rewards and successes of each rollout in a dataset; a rollout may have several resets."""
     ends = np.flatnonzero(dataset.columns[DONE][:, 0]) + 1
     for first, last in zip([0, *ends[:-1].tolist()], ends.tolist(), strict=False):
@@ -71,7 +71,7 @@ def roll_out_on_arm(
         verdict, truncated = arena.step(policy.act(arena.observe()))
         verdicts.append(verdict)
         over = bool((verdict.terminated | truncated)[0])
-    return stepper.take_bouts(), RolloutScore.of(verdicts)
+    return stepper.pop_attempts(), RolloutScore.of(verdicts)
 
 
 @dataclass(frozen=True)

@@ -92,7 +92,7 @@ def _replace_joints(pose: np.ndarray, moves: np.ndarray, half: np.ndarray) -> np
     return whole
 
 
-def tell_apart(spec: mujoco.MjSpec) -> None:
+def set_contact_masks(spec: mujoco.MjSpec) -> None:
     """Enable contacts of the attacker with itself, the floor and the defender's body, and no others."""
     for name in (*HULLS, SERVO):
         spec.geom(name).conaffinity |= OTHER
@@ -102,7 +102,7 @@ def tell_apart(spec: mujoco.MjSpec) -> None:
 
 def add_edges(spec: mujoco.MjSpec) -> None:
     """Enable contacts of sword with defender and of shield with attacker, but not of the tips with each other."""
-    tell_apart(spec)
+    set_contact_masks(spec)
     spec.geom("sword").contype, spec.geom(DEFENDER + "shield").contype = SWORD, SHIELD
     for name in HULLS:
         spec.geom(DEFENDER + name).conaffinity |= SWORD
@@ -124,7 +124,7 @@ def make_two_arm_planner(edges: bool = False, clearance: float = 0.0) -> PathPla
             policies that were trained there pass through.
         clearance: Distance between the arms below which they count as in contact [m].
     """
-    touching = ConsecutiveEdits(add_edges if edges else tell_apart, partial(keep_clear, clearance=clearance))
+    touching = ConsecutiveEdits(add_edges if edges else set_contact_masks, partial(keep_clear, clearance=clearance))
     edit = ConsecutiveEdits(DUEL.edit, touching)
     return PathPlanner(replace(DUEL, name="two_ergojr", joints=(*JOINTS, *DEFENDERS_JOINTS), edit=edit))
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from nas_data.errors import OptionError
 from nas_data.joint_units import HINGE, JointUnit, find_display_unit
-from nas_data.studies.ablation.judging import BASELINES, TrialResult
+from nas_data.studies.ablation.evaluation import BASELINES, TrialResult
 from nas_data.studies.ablation.kinds.base import find_kind
 from nas_data.studies.ablation.sweep_data import Amount, Unit
 from nas_data.studies.ablation.trial import Config

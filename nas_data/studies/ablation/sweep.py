@@ -24,7 +24,7 @@ from nas_data.pairing import check_fits, check_source
 from nas_data.runs.progress import format_duration
 from nas_data.simulators.engines import ENGINES
 from nas_data.sources import SourceModel
-from nas_data.studies.ablation.judging import TrialResult
+from nas_data.studies.ablation.evaluation import TrialResult
 from nas_data.studies.ablation.kinds.base import FOLDER, ModelKind, find_kind
 from nas_data.studies.ablation.kinds.named import read_named
 from nas_data.studies.ablation.sweep_data import Amount, Content, SweepData, check_enough

@@ -21,7 +21,7 @@ from nas_data.models.threads import one_thread
 from nas_data.runs.code_hash import hash_code, list_effect_modules
 from nas_data.runs.environment_info import find_commit
 from nas_data.sources import SourceModel
-from nas_data.studies.ablation.judging import TrainingData, TrialResult, judge
+from nas_data.studies.ablation.evaluation import TrainingData, TrialResult, evaluate_trial
 from nas_data.studies.ablation.kinds.base import FOLDER, TrainingInput, find_kind
 from nas_data.studies.ablation.sweep_data import Amount, Content, Run, SweepData, draw
 from nas_data.typed_json import as_object
@@ -102,7 +102,7 @@ def do_trial(trial: Trial) -> TrialResult:
     folder = Path(tempfile.mkdtemp(prefix=f"{trial.key}-", dir=workplace))
     wall, cpu = time.perf_counter(), time.process_time()
     try:
-        found = learn_and_judge(trial, folder)
+        found = train_and_evaluate(trial, folder)
     except Exception as error:  # any error; the other trials of the sweep continue
         found = make_failed_result(error)
     finally:
@@ -141,16 +141,16 @@ def make_failed_result(error: Exception) -> TrialResult:
     return TrialResult(failed=f"{type(error).__name__}: {text}.", traceback=lines)
 
 
-def learn_and_judge(trial: Trial, folder: Path) -> TrialResult:
+def train_and_evaluate(trial: Trial, folder: Path) -> TrialResult:
     """Draw the subset, learn from it, and predict the held-out episodes."""
     lesson, held, runs = prepare(trial, folder)
     data = lesson.data
     with one_thread(), threadpool_limits(1):
         learned = find_kind(trial.config.kind).learn(lesson)
-        judged = judge(trial.config.kind, learned, lesson.source, held)
+        result = evaluate_trial(trial.config.kind, learned, lesson.source, held)
     named = learned.named
     return replace(
-        judged,
+        result,
         training_data=TrainingData(len(runs), data.n_frames, data.n_frames / data.fps / 60, tuple(runs)),
         effects=tuple(effect.to_json() for effect in named.effects) if named else None,
         retuned=dict(named.retuned) if named else None,

@@ -181,14 +181,14 @@ def make_table(
         f"{environment}, {request.target_text}: return on the target by recorded trajectories, "
         f"{request.sizes.frames:,} frames, {request.sizes.judged} episodes each"
     )
-    stake = ends.at_stake()
-    nothing = None if stake is None else stake.sentence()
+    advantage = ends.compute_advantage()
+    nothing = None if advantage is None else advantage.sentence()
     notes = [
         describe_target(material),
         *([nothing] if nothing else []),
         ONE_RECORDING,
         describe_intervals(seeds),
-        *ends.lost(),
+        *ends.describe_diverged(),
     ]
     return ResultTable(title, make_headers(seeds), rows, [note for note in notes if note])
 

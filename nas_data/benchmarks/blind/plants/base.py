@@ -109,13 +109,13 @@ def make_simulation(open_physics: OpenPhysics) -> Simulate:
         for links in sorted({len(body.masses) for body in bodies}):
             rows = [row for row, body in enumerate(bodies) if len(body.masses) == links]
             alike = [bodies[row] for row in rows]
-            result[rows] = simulate_alike(open_physics, alike, commands, starts, period, feedback)
+            result[rows] = simulate_batch(open_physics, alike, commands, starts, period, feedback)
         return result
 
     return simulate
 
 
-def simulate_alike(
+def simulate_batch(
     open_physics: OpenPhysics,
     bodies: list[PlantBody],
     commands: np.ndarray,
@@ -135,7 +135,7 @@ def simulate_alike(
     with open_physics(bodies, numbers, state) as move:
         for step in range(steps):
             if feedback is not None:
-                state.tell(step, pad_commands(bodies[0], feedback(step, measured[:, step])[:, None])[:, 0])
+                state.set_commands(step, pad_commands(bodies[0], feedback(step, measured[:, step])[:, None])[:, 0])
             for _ in range(round(period / REFRESH)):
                 move()
             measured[:, step + 1] = state.measure(n)

@@ -122,7 +122,7 @@ class PlantState:
         self.prompt = not drive.delay.any()
         self.slews = bool(np.isfinite(drive.speed).any())
 
-    def tell(self, step: int, commands: np.ndarray) -> None:
+    def set_commands(self, step: int, commands: np.ndarray) -> None:
         """Replace the commands of one control period, shape (B, n)."""
         self.commands[:, step] = self._clip_commands(commands[:, None])[:, 0]
 

@@ -50,8 +50,8 @@ def compare_methods(request: Request, environment: str) -> tuple[Artifacts, Comp
     if bare:
         material = request.material(environment, ())
         comparison = run_study(make_study(request, material, bare), request, environment)
-        at_stake = comparison.at_stake()
-        if at_stake is not None and (sentence := at_stake.sentence()):
+        advantage = comparison.compute_advantage()
+        if advantage is not None and (sentence := advantage.sentence()):
             request.report(f"{INDENT}{sentence}")
         if not needs:
             return material, comparison

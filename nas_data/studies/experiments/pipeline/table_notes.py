@@ -83,17 +83,19 @@ def list_model_notes(material: Artifacts) -> list[str]:
 
 def list_notes(material: Artifacts, comparison: Comparison) -> list[str]:
     """Return the sentences below a table of methods."""
-    stake = comparison.at_stake()
-    nothing = None if stake is None else stake.sentence()
+    advantage = comparison.compute_advantage()
+    nothing = None if advantage is None else advantage.sentence()
     notes = [describe_target(material)]
     notes += [nothing] if nothing else []
-    notes += [WITHOUT_ENDS] if stake is None and {*comparison.study.methods} - {EXPERT_METHOD, SOURCE_METHOD} else []
+    notes += (
+        [WITHOUT_ENDS] if advantage is None and {*comparison.study.methods} - {EXPERT_METHOD, SOURCE_METHOD} else []
+    )
     notes += [ONE_MATERIAL] if any(METHODS[method].needs for method in comparison.study.methods) else []
     notes += [*comparison.shared(), *describe_names_alone(material, comparison)]
     notes += [
         describe_intervals(len(comparison.study.seeds)),
         *describe_return_differences(comparison),
-        *comparison.lost(),
+        *comparison.describe_diverged(),
     ]
     return [sentence for sentence in notes if sentence]
 

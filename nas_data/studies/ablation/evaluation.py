@@ -69,7 +69,7 @@ SOURCE = "source"
 BASELINES = (SOURCE, "hold", "command")
 
 
-def judge(kind: str, learned: TrainedPredictor, plain: SourceModel | None, held: Dataset) -> TrialResult:
+def evaluate_trial(kind: str, learned: TrainedPredictor, plain: SourceModel | None, held: Dataset) -> TrialResult:
     """Compare predictions of a predictor and of the baselines with measurements.
 
     Args:
