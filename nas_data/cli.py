@@ -140,7 +140,9 @@ def parse(name: str, rest: list[str]) -> "Command":
     redirected = contextlib.redirect_stderr(captured) if "--json" in rest else contextlib.nullcontext()
     try:
         with redirected:
-            return tyro.cli(kind, args=kind.spell(rest), prog=f"nas {name}", config=(tyro.conf.FlagCreatePairsOff,))
+            return tyro.cli(
+                kind, args=kind.normalise_arguments(rest), prog=f"nas {name}", config=(tyro.conf.FlagCreatePairsOff,)
+            )
     except SystemExit as stop:
         if stop.code and captured.getvalue():
             raise OptionError(f"{strip_box(captured.getvalue())}; see: nas {name} --help") from None

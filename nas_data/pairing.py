@@ -213,7 +213,7 @@ def warn_of_ranges(dataset: Dataset, robot: Robot) -> list[str]:
             elif robot.mjcf.suffix == URDF:
                 doubt = "are its limits in radians, as a URDF has them?"
             else:
-                doubt = "is the model in the unit that its compiler's angle= says?"
+                doubt = "is the model in the unit that its compiler's angle= gives?"
             found.append(
                 f"measured positions of {joint} reach {furthest:.3g} {unit}, outside the model's range "
                 f"{low:.3g} to {high:.3g} {unit}; {doubt}"

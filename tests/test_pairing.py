@@ -367,7 +367,7 @@ def test_a_model_in_the_wrong_unit_is_warned_of(here, capsys, compiler, limits, 
 @pytest.mark.parametrize(
     ("kind", "suffix", "share", "asked"),
     [
-        ("revolute", ".xml", 0.02, "is the model in the unit that its compiler's angle= says?"),
+        ("revolute", ".xml", 0.02, "is the model in the unit that its compiler's angle= gives?"),
         ("revolute", ".urdf", 0.02, "are its limits in radians, as a URDF has them?"),
         ("prismatic", ".xml", 0.02, "is the model in metres?"),
         ("prismatic", ".urdf", 0.02, "is the model in metres?"),

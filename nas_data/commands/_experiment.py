@@ -45,7 +45,7 @@ class ExperimentCommand(Command):
             report=say,
             methods=self.chosen_methods(),
             workers=self.workers,
-            whole=QUICK if self.quick else FULL,
+            full_sizes=QUICK if self.quick else FULL,
             engine=self.engine,
         )
         made = run_experiment(self.experiment, request)

@@ -25,7 +25,7 @@ class Command:
     json: Annotated[bool, tyro.conf.arg(help="Print one JSON object for machines instead of text.")] = False
 
     @classmethod
-    def spell(cls, arguments: list[str]) -> list[str]:
+    def normalise_arguments(cls, arguments: list[str]) -> list[str]:
         """Return the command-line words with options renamed to the fields below."""
         return arguments
 

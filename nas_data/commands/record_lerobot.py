@@ -66,7 +66,7 @@ class RecordLerobot(RecordArm):
     """Length of an episode [s]."""
 
     @classmethod
-    def spell(cls, arguments: list[str]) -> list[str]:
+    def normalise_arguments(cls, arguments: list[str]) -> list[str]:
         """Convert LeRobot's other options, --robot.KEY=VALUE or --robot.KEY VALUE, to --robot.option KEY=VALUE."""
         spelt, rest = list[str](), iter(arguments)
         for word in rest:

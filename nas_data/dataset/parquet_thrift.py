@@ -47,7 +47,7 @@ def parse(content: bytes, offset: int) -> tuple[Fields, int]:
     Raises:
         ValueError: no structure, or one that is cut off.
     """
-    return _Reader(content, offset).whole()
+    return _Reader(content, offset).read_message()
 
 
 def serialize(struct: Struct) -> bytes:
@@ -101,7 +101,7 @@ class _Reader:
         self.content = content
         self.offset = offset
 
-    def whole(self) -> tuple[Fields, int]:
+    def read_message(self) -> tuple[Fields, int]:
         """Read a structure and return its fields and the offset after it."""
         return self.struct(0).fields, self.offset
 

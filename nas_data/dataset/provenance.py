@@ -106,7 +106,9 @@ class Provenance:
         try:
             return from_json(cls, content)
         except FormError as error:
-            raise DatasetInvalid(f"{where} is no provenance of nas_data ({error}); restore it from a copy.") from None
+            raise DatasetInvalid(
+                f"{where} is not a provenance of nas_data ({error}); restore it from a copy."
+            ) from None
 
 
 def read_provenance(root: Path) -> Provenance | None:

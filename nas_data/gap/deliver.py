@@ -115,7 +115,9 @@ def keep_written_names(found: Delivery) -> Delivered | None:
         return None
     written = found.score(part)
     write_effects(found.folder, final.effects, final.factors, slides=found.problem.held.nominal.slides)
-    return found.naming, replace(written, after=found.outcome.after, whole=False, delivered="names of MJCF and plain")
+    return found.naming, replace(
+        written, after=found.outcome.after, expresses_all=False, delivered="names of MJCF and plain"
+    )
 
 
 def add_plain_fit(found: Delivery) -> Delivered | None:

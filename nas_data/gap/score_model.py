@@ -34,7 +34,7 @@ class HeldOutResult:
         after: Named effects; read back from the written model if MJCF can express them all.
         written: Written model, read back.
         model: Its file.
-        whole: Whether the written file expresses every effect.
+        expresses_all: Whether the written file expresses every effect.
         delivered: Content of the file: `names`; `names and plain`, with the changes of the plain fit; `names of MJCF
             and plain`, without effects that only `effects.json` expresses; `plain`; or `given`, the given model.
         learned: Shares of the gap if φ was trained, else None.
@@ -46,7 +46,7 @@ class HeldOutResult:
     after: np.ndarray
     written: np.ndarray
     model: Path
-    whole: bool = True
+    expresses_all: bool = True
     delivered: str = "names"
     learned: Mapping[str, float] | None = None
 
@@ -60,21 +60,21 @@ def score_model(problem: Problem, final: FinalFit, null: FinalFit, plain: FinalF
     nominal, held = problem.held.nominal, problem.held.evidence
     effects, factors = final.effects, dict(final.factors)
     named = with_timestep(nominal, replace(problem.train, fine=final.fine).timestep)
-    whole = all(effect.in_model for effect in effects)
-    if whole:
+    expresses_all = all(effect.in_model for effect in effects)
+    if expresses_all:
         write_model(folder, nominal, effects, factors, float(named.spec.option.timestep))
     else:
-        whole = write_nearest(problem, final, folder, named)
-    write_effects(folder, effects, factors, whole, nominal.slides)
+        expresses_all = write_nearest(problem, final, folder, named)
+    write_effects(folder, effects, factors, expresses_all, nominal.slides)
     written = Nominal.load(folder / MODEL, held).predict_from_inferred_start(held)
     return HeldOutResult(
         before=problem.as_given.predict_from_inferred_start(held),
         retuned=nominal.predict_from_inferred_start(held, (), null.factors),
         plain=predict_held(problem, plain),
-        after=written if whole else named.predict_from_inferred_start(held, effects, factors),
+        after=written if expresses_all else named.predict_from_inferred_start(held, effects, factors),
         written=written,
         model=folder / MODEL,
-        whole=whole,
+        expresses_all=expresses_all,
     )
 
 
@@ -113,14 +113,14 @@ def write_nearest(problem: Problem, final: FinalFit, folder: Path, named: Nomina
         tried.append((measure_ratio(forms, factors), forms, factors))
         if tried[-1][0] <= min(GOOD_ERROR_RATIO, MAX_ERROR_RATIO):
             return True
-    whole = min((entry[0] for entry in tried), default=np.inf) <= MAX_ERROR_RATIO
-    if not whole:
+    expresses_all = min((entry[0] for entry in tried), default=np.inf) <= MAX_ERROR_RATIO
+    if not expresses_all:
         constant = fit_model_effects(problem, final)
         near = constant.effects, dict(constant.factors)
         tried.insert(0, (measure_ratio(*near), *near))  # first, so that it is the default if nothing compiles
     _, effects, factors = min(tried, key=lambda entry: entry[0])
     write(effects, factors)
-    return whole
+    return expresses_all
 
 
 def generate_written_forms(problem: Problem, final: FinalFit) -> Iterator[list[Effect]]:

@@ -93,7 +93,7 @@ def describe_effect(effect: NamedEffect) -> str:
     )
     if effect.equals:
         equals = [f"{other.name} {other.joint or ''}".strip() for other in effect.equals]
-        line += f" (these data cannot tell it from {', '.join(equals)})"
+        line += f" (these data cannot distinguish it from {', '.join(equals)})"
     elif effect.alternatives:
         second = effect.alternatives[0]
         line += f" (runner-up {second.name}: {unit.text(second.heldout_error_after)})"

@@ -80,7 +80,7 @@ def write_effects(
     folder: Path,
     effects: Sequence[Effect],
     factors: Mapping[str, float],
-    whole: bool = False,
+    expresses_all: bool = False,
     slides: Collection[str] = (),
 ) -> Path:
     """Write named effects and retuned base parameters for `nas record sim --effects` and `nas pair`.
@@ -89,10 +89,10 @@ def write_effects(
         folder: Output folder.
         effects: Effects.
         factors: Factors of base parameters.
-        whole: Whether the model file also expresses effects with hooks.
+        expresses_all: Whether the model file also expresses effects with hooks.
         slides: Slides of the model, which have other units.
     """
-    entries = [{**effect.to_json(slides), "in_model_xml": whole or effect.in_model} for effect in effects]
+    entries = [{**effect.to_json(slides), "in_model_xml": expresses_all or effect.in_model} for effect in effects]
     content = {"schema": 1, "effects": entries, "retuned": dict(factors)}
     path = folder / EFFECTS
     path.write_text(json.dumps(content, indent=1), encoding="utf-8")

@@ -133,7 +133,7 @@ def _read_tables(log: Path, mapping: Map) -> dict[str, LogTable]:
         named = {key for key, table in tables.items() if find_names_column(table, mapping)}
         return {key: arrange(table, _restrict(mapping, key), key, required=not named) for key, table in tables.items()}
     if not log.is_dir():
-        raise LogError(f"{log} is no folder, but the map reads {', '.join(files.values())} from a folder.")
+        raise LogError(f"{log} is not a folder, but the map reads {', '.join(files.values())} from a folder.")
     read = {key: read_table(log / name, mapping.layout) for key, name in files.items()}
     where = mapping.position.source.table
     return {key: arrange(table, _restrict(mapping, key), key, required=key == where) for key, table in read.items()}
@@ -264,7 +264,9 @@ def _read_source(table: LogTable, source: LogColumns, width: int, count: int) ->
         vectors = [name for name, part in zip(source.columns, parts, strict=True) if part.shape[1] != 1]
         if vectors or len({len(part) for part in parts}) > 1:
             name = vectors[0] if vectors else source.columns[-1]
-            raise LogError(f"{table.path}: '{name}' is not one number a row like the other columns named beside it.")
+            raise LogError(
+                f"{table.path}: '{name}' does not have one number per row, unlike the other columns named with it."
+            )
         return np.hstack(parts)
     raw = parts[0]
     if source.components:
@@ -364,7 +366,7 @@ def find_common_rows(matches: dict[Path, np.ndarray], log: Path, table: LogTable
     if not found.size:
         names = ", ".join(path.name for path in matches)
         raise LogError(
-            f"{log}: no row of {names} lies within {tolerance:g} s of a measured state; "
+            f"{log}: no row of {names} is within {tolerance:g} s of a measured state; "
             "check the unit of [read.time] and the tolerance of [join]."
         )
     whole = slice(int(found[0]), int(found[-1]) + 1)

@@ -153,7 +153,7 @@ def make_timing_blocks(dataset: Dataset, steps: Sequence[np.ndarray]) -> list[Bl
         return [Text(f"All rows are {apart}, as in a simulation or a resampled log.")]
     uneven = np.abs(whole - period) > LATE * period
     facts = {
-        "Rate": f"{dataset.fps:g} Hz promised, {1 / float(np.median(whole)):.4g} Hz measured (median)",
+        "Rate": f"{dataset.fps:g} Hz given, {1 / float(np.median(whole)):.4g} Hz measured (median)",
         "Jitter": f"{1e3 * float(whole.std()):.3g} ms standard deviation of the steps",
         "Steps": f"{1e3 * float(whole.min()):.3g} to {1e3 * float(whole.max()):.3g} ms",
         "Uneven": f"{100 * float(uneven.mean()):.2g} % of the steps are off by more than {LATE:g} control periods",

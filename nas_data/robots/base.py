@@ -140,7 +140,7 @@ def _explain_error(path: Path, reason: str) -> str:
             inside = missing[1].removeprefix("package:").lstrip("/")
             return (
                 f"{path} needs the file '{inside}' of a ROS package: put the package's folder beside the model, and "
-                "take 'package://' out of the model."
+                "remove 'package://' from the model."
             )
         wanted = path.parent / missing[1]
         return f"{path} needs the file '{missing[1]}', which is missing: put it beside the model, at {wanted}."
@@ -228,7 +228,7 @@ def read_constants(spec: mujoco.MjSpec, path: Path) -> RobotConstants:
     for text in spec.texts:
         if text.name == f"{PREFIX}tip":
             if spec.site(text.data) is None:
-                raise ModelFileError(f"{path} gives nas_tip as '{text.data}', which is no site of the model.")
+                raise ModelFileError(f"{path} gives nas_tip as '{text.data}', which is not a site of the model.")
             own["tip"] = text.data
     return own
 

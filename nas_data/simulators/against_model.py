@@ -163,7 +163,7 @@ def _check_middle(dataset: Dataset, model: mujoco.MjModel, joint: str, middle: f
         f"the middle of the calibrated range of {joint}, which is LeRobot's zero, is converted to {middle:.3g}; the "
         f"middle of the model's range is {wanted:.3g}"
     )
-    remedy = f"check 'offset' of {joint} in the map ({wanted:.3g} where the arm reaches as far as the model)"
+    remedy = f"check 'offset' of {joint} in the map ({wanted:.3g} if arm and model have the same range)"
     return [_make_finding("model_zero", what, remedy)]
 
 

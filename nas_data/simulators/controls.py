@@ -173,7 +173,7 @@ def find_length_control(model: mujoco.MjModel, actuator: int, shift: float | Non
     gain = float(model.actuator_gainprm[actuator, 0])
     if not is_linear(model, actuator) or not gain or bias[1] > 0 or bias[2] > 0:
         raise UnknownControl(
-            f"({find_actuator_type(model, actuator)}) has a control that is no position, velocity or torque"
+            f"({find_actuator_type(model, actuator)}) has a control that is not a position, velocity or torque"
         )
     if bias[1] < 0:
         scale = -float(bias[1]) / gain

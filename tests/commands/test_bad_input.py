@@ -73,7 +73,7 @@ BAD = {
     "pair: torques": (("pair", "RAW", "--model", "../torque.xml"), "torque"),
     "pair: a model that diverges": (("pair", "RAW", "--model", "../wild.xml"), "wild.xml"),
     "pair: a taken folder": (("pair", "RAW", "--model", "pendulum", "--out", "../taken"), "taken"),
-    "pair: NaN in the model": (("pair", "RAW", "--model", "../nan.xml"), "nan.xml gives NaN"),
+    "pair: NaN in the model": (("pair", "RAW", "--model", "../nan.xml"), "nan.xml has NaN"),
     "pair: a missing part": (("pair", "RAW", "--model", "../whole.xml"), "'part.xml', which is missing: put it beside"),
     "pair: a missing mesh": (("pair", "RAW", "--model", "../meshed.xml"), "'assets/m.stl', which is missing"),
     "pair: a file as folder": (("pair", "RAW", "--model", "pendulum", "--out", "../photo.png/x"), "photo.png/x"),

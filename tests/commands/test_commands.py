@@ -252,7 +252,7 @@ def test_a_training_stopped_by_ctrl_c_goes_on(place, here, monkeypatch):
     assert answer.err.splitlines()[-1].startswith("nas: interrupted")
     monkeypatch.setattr(TeacherForcing, "loss", plain)
     again = done(*command, "--out", "broken")
-    assert "going on" in again.err
+    assert "continuing at update" in again.err
     weights = [Path(name, "checkpoint/model.safetensors").read_bytes() for name in ("whole", "broken")]
     assert weights[0] == weights[1]
 

@@ -58,7 +58,7 @@ def flags(folder: Path) -> dict[str, bool]:
 
 def test_the_file_rubs_under_load_by_itself(given: Problem, folder: Path, tmp_path: Path):
     found = outcome(given, tmp_path / "report", LOAD)
-    assert found.whole
+    assert found.expresses_all
     assert flags(tmp_path / "report") == {"load_friction": True}
     assert found.after is found.written
     assert error(given, found.before) > 1.5
@@ -75,7 +75,7 @@ def test_the_file_rubs_under_load_by_itself(given: Problem, folder: Path, tmp_pa
 def test_beside_play_the_file_has_the_nearest_effect(tmp_path: Path):
     given = problem(tmp_path / "arm", LOAD, PLAY)
     found = outcome(given, tmp_path / "report", LOAD, PLAY)
-    assert not found.whole
+    assert not found.expresses_all
     assert flags(tmp_path / "report") == {"load_friction": False, "backlash": True}
     assert error(given, found.after) < 0.5 * error(given, found.written) < 0.5 * error(given, found.before)
 
@@ -83,11 +83,11 @@ def test_beside_play_the_file_has_the_nearest_effect(tmp_path: Path):
 def test_pads_made_for_a_wrong_size_are_made_anew(given: Problem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     wrong = ((0.05, 20.0),)
     monkeypatch.setattr(added_file, "SIZES", wrong)
-    assert not outcome(given, tmp_path / "wrong", LOAD).whole
+    assert not outcome(given, tmp_path / "wrong", LOAD).expresses_all
     assert flags(tmp_path / "wrong") == {"load_friction": False}
     monkeypatch.setattr(added_file, "SIZES", (*wrong, (1.0, 1.0)))
     found = outcome(given, tmp_path / "anew", LOAD)
-    assert found.whole
+    assert found.expresses_all
     assert error(given, found.written) < 1.4 * float(np.degrees(np.sqrt((given.held.floor**2).mean())))
 
 
@@ -97,7 +97,7 @@ def test_a_file_that_does_not_do_quite_the_same_is_still_the_nearest(
 ):
     monkeypatch.setattr(added_file, "MAX_ERROR_RATIO", 0.5)
     found = outcome(given, tmp_path / "report", LOAD)
-    assert not found.whole
+    assert not found.expresses_all
     assert flags(tmp_path / "report") == {"load_friction": False}
     assert mujoco.MjModel.from_xml_path(str(found.model)).joint("m2_pressed_pad")
     assert error(given, found.after) <= error(given, found.written) < 0.3 * error(given, found.before)
@@ -124,7 +124,7 @@ def test_what_needs_fine_steps_in_a_file_is_fitted_with_them(tmp_path: Path):
     naming, found = deliver(given, names, tmp_path, silence)
     assert error(given, found.written) < error(given, found.plain)
     assert naming.final.effects[0].name() == "load_friction" and naming.final.fine
-    assert found.whole and found.delivered == "names"
+    assert found.expresses_all and found.delivered == "names"
 
 
 @pytest.mark.slow
@@ -134,6 +134,6 @@ def test_names_hold_where_no_file_can_express_them(given: Problem, tmp_path: Pat
     wanted = named(LOAD, "coulomb_friction:joint=m2,torque=0.03")
     (tmp_path / "report").mkdir()
     naming, found = deliver(given, wanted, tmp_path / "report", silence)
-    assert naming is wanted and not found.whole and found.delivered == "names of MJCF and plain"
+    assert naming is wanted and not found.expresses_all and found.delivered == "names of MJCF and plain"
     assert flags(tmp_path / "report") == {"load_friction": False}
     assert error(given, found.after) < error(given, found.written) <= error(given, found.plain)

@@ -194,7 +194,7 @@ def test_what_the_data_cannot_tell_apart_is_one_finding_with_its_equals(tmp_path
     assert entry["equals"] == [{"effect": "servo_damping", "joint": "elbow"}]
     twin = next(other for other in entry["alternatives"] if other["effect"] == "servo_damping")
     assert twin["parameters"]["factor"] == pytest.approx(1 + 0.04 / 0.02, rel=0.1)
-    assert "these data cannot tell it from" in capsys.readouterr().out
+    assert "these data cannot distinguish it from" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("quantity", ["position", "speed", "time"])

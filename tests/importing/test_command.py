@@ -90,7 +90,7 @@ def test_a_dataset_of_lerobots_needs_no_map(here, capsys):
         (["log.npz", "--map", "none.toml"], "There is no map none.toml"),
         (["log.npz", "--map", "other"], "There is no map 'other'"),
         (["log.npz", "--map", "so101_npz"], "log.npz has no column 'joint_names'"),
-        (["log.npz", "--map", "so101_csv"], "log.npz is no folder"),
+        (["log.npz", "--map", "so101_csv"], "log.npz is not a folder"),
         (["map.toml", "--map", "map.toml"], "map.toml does not end in .npz"),
         (["nan.npz", "--map", "map.toml"], "nan.npz: the velocity is empty, NaN or infinite in row 3"),
         (["log.npz", "--map", "map.toml", "--name", "a/b"], "'a/b' is not a valid dataset name"),

@@ -310,7 +310,7 @@ def test_a_wrong_zero_is_told_by_the_loads_alone(here, moved):
     Path("free.xml").write_text(ARM.replace(' range="-2 2"', ""))
     joint = JOINTS[int(np.flatnonzero(moved)[0])]
     (finding,) = check(read(imported("d")), "free.xml")
-    said = re.search(rf"where {joint} stands (\S+) rad further$", finding.what)
+    said = re.search(rf"they do if {joint} is moved by (\S+) rad$", finding.what)
     assert finding.check == "model_gravity"
     assert float(said[1]) == pytest.approx(-sum(moved), abs=0.2)
 

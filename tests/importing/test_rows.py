@@ -91,7 +91,7 @@ def test_rows_without_partner_in_the_middle_are_refused(tmp_path):
 
 
 def test_files_of_other_times_are_refused(tmp_path):
-    with pytest.raises(LogError, match=r"no row of control.csv lies within 0.01 s of a measured state"):
+    with pytest.raises(LogError, match=r"no row of control.csv is within 0.01 s of a measured state"):
         import_logs([two_files(tmp_path, shift=100.0)], load_map(two_file_map(tmp_path)))
 
 
@@ -115,7 +115,7 @@ def test_a_missing_second_file_is_named(tmp_path):
 def test_a_file_where_a_folder_is_due_and_the_reverse_are_refused(tmp_path):
     log = two_files(tmp_path)
     with pytest.raises(
-        LogError, match=r"state.csv is no folder, but the map reads state.csv, control.csv from a folder"
+        LogError, match=r"state.csv is not a folder, but the map reads state.csv, control.csv from a folder"
     ):
         import_logs([log / "state.csv"], load_map(two_file_map(tmp_path)))
     (tmp_path / "none").mkdir()

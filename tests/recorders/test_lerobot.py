@@ -328,7 +328,9 @@ def test_an_arm_that_must_not_be_moved_is_refused_and_each_reason_named(folder):
 
 
 def test_lerobots_other_options_are_passed_on():
-    spelt = RecordLerobot.spell(["--robot.type=koch_follower", "--robot.use_degrees=false", "--robot.x", "3", "--seed"])
+    spelt = RecordLerobot.normalise_arguments(
+        ["--robot.type=koch_follower", "--robot.use_degrees=false", "--robot.x", "3", "--seed"]
+    )
     assert spelt == [
         "--robot.type=koch_follower",
         "--robot.option",

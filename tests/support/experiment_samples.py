@@ -33,7 +33,7 @@ def tiny(folder: Path, *environments: str, said: list[str] | None = None, **chan
     report = (lambda _: None) if said is None else said.append
     dynamics = changes.pop("dynamics", "backlash")
     sized = TINY.with_counts(sizes.pop("counts")) if "counts" in sizes else TINY
-    return Request(environments, dynamics, replace(sized, **sizes), folder, report, whole=TINY, **changes)
+    return Request(environments, dynamics, replace(sized, **sizes), folder, report, full_sizes=TINY, **changes)
 
 
 def times(folder: Path) -> dict[Path, int]:

@@ -113,8 +113,8 @@ def compute_reliability(findings: Sequence[ConfidenceGrade]) -> list[Row]:
     for low, high in pairwise(CONFIDENCES):
         inside = [pair for pair in known if low <= pair[0] < high or (high == 1.0 and pair[0] == 1.0)]
         if inside:
-            said, right = (float(np.mean(values)) for values in zip(*inside, strict=True))
-            rows.append({"from": low, "to": high, "findings": len(inside), "confidence": said, "right": right})
+            stated, right = (float(np.mean(values)) for values in zip(*inside, strict=True))
+            rows.append({"from": low, "to": high, "findings": len(inside), "confidence": stated, "right": right})
     return rows
 
 

@@ -106,7 +106,7 @@ def _find_held_rows(recording: Recording, expected: Expected, same: np.ndarray) 
     return held
 
 
-def _report_stuck_joints(recording: Recording, expected: Expected, said: np.ndarray) -> list[AuditFinding]:
+def _report_stuck_joints(recording: Recording, expected: Expected, reported: np.ndarray) -> list[AuditFinding]:
     """Report position servos whose reading alone is constant for long while their command moves far."""
     found, radians = [], find_radian_equivalents(recording, expected)
     released = (recording.signals.get(TORQUE, np.ones((len(recording), 1))) == 0).any(axis=1)
@@ -115,7 +115,7 @@ def _report_stuck_joints(recording: Recording, expected: Expected, said: np.ndar
         position, command = recording.positions[:, index], recording.commands[:, index]
         stuck = np.zeros(len(recording), bool)
         for first, last in find_row_spans(np.flatnonzero(np.diff(position) == 0) + 1):
-            known = (said | released)[first : last + 1].any()
+            known = (reported | released)[first : last + 1].any()
             away = np.ptp(command[first - 1 : last]) > MIN_COMMAND_TRAVEL * radians[index]
             if (last - first + 1) / expected.rate >= STUCK_SECONDS and away and not known:
                 stuck[first : last + 1] = True

@@ -56,7 +56,9 @@ def check_time(recorded: RecordedRows) -> list[str]:
     notes = []
     seconds = float(recorded.evidence.mask.sum()) * recorded.evidence.period
     if seconds < SHORT:
-        notes.append(f"The recording lasts {seconds:.2g} s, which is too short to tell effects apart: record a minute.")
+        notes.append(
+            f"The recording lasts {seconds:.2g} s, which is too short to distinguish effects: record a minute."
+        )
     steps = measure_periods(recorded)
     if steps is not None:
         rates = measure_rates(recorded, steps)

@@ -122,9 +122,15 @@ def read_result(trial: Trial, retry: bool) -> TrialResult | None:
 
 def count_other_code(trials: Sequence[Trial]) -> int:
     """Return the number of trials with a result by other code, or by unknown code."""
-    asked = {spell(trial.question): trial.code for trial in trials}
+    asked = {format_question(trial.question): trial.code for trial in trials}
     found = [read_question(path) for path in list_visible_files(trials[0].folder / TRIALS, "*.json")]
-    return len({key for question in found if (key := spell(question)) in asked and question.get("code") != asked[key]})
+    return len(
+        {
+            key
+            for question in found
+            if (key := format_question(question)) in asked and question.get("code") != asked[key]
+        }
+    )
 
 
 def read_question(path: Path) -> Mapping[str, object]:
@@ -136,7 +142,7 @@ def read_question(path: Path) -> Mapping[str, object]:
     return question if isinstance(question, dict) else {}
 
 
-def spell(question: Mapping[str, object]) -> str:
+def format_question(question: Mapping[str, object]) -> str:
     """Return a trial's identity as text, without its code hash."""
     return json.dumps({key: value for key, value in question.items() if key != "code"}, sort_keys=True)
 

@@ -120,7 +120,7 @@ def learn_policies(demo: Demo) -> StageResult:
         comparison = compare(study, demo.folder / FOLDER, count_cores(), lambda line: demo.report(f"{INDENT}{line}"))
     baselines = score_baselines(plan.target, plan.judged)
     texts = [
-        f"On the target, {plan.judged} episodes a policy (higher is better):",
+        f"On the target, {plan.judged} episodes per policy (higher is better):",
         *comparison.table().splitlines(),
         *(f"without learning, {name}: return {score.mean_return:.2f}" for name, score in baselines.items()),
         f"policies → {demo.folder / FOLDER}",

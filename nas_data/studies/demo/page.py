@@ -110,7 +110,8 @@ def make_names_blocks(demo: Demo) -> list[Block]:
         Text("Name: which effects of the catalogue does it lack, and how large are they?"),
         make_names_table(demo.plan, report),
         Text(
-            f"Add: {GAP}/model.xml is the source with what was named and retuned. {describe_verdict(report)} The full "
+            f"Add: {GAP}/model.xml is the source with the named effects and retuned parameters. "
+            f"{describe_verdict(report)} The full "
             f"report of nas gap is {GAP}/report.html."
         ),
         *errors_by_joint(report, series),
@@ -136,7 +137,7 @@ def make_names_table(plan: DemoPlan, report: GapReport) -> HtmlTable:
             )
         )
     note = (
-        "Hidden: what the target has. Joints that the task does not move are commanded to stay, so the recording "
+        "Hidden: the effects of the target. Joints that the task does not move are commanded to stay, so the recording "
         "contains no information about their speed limits."
     )
     return HtmlTable(("", "hidden", "named", "95 % interval", "confidence"), rows, note)
@@ -216,7 +217,8 @@ def make_policies_blocks(demo: Demo, runs: Runs) -> Sequence[Block]:
     task = Text(
         "The task: bring the tip of the arm to a random point within a second. The reward of each step is minus the "
         "distance in metres, and 1 more within 16 mm, which ends the episode; the highest return is therefore a little "
-        f"below 1. Each policy learned from {plan.frames:,} control steps with PPO, and was then judged on the target "
+        f"below 1. Each policy learned from {plan.frames:,} control steps with PPO, and was then evaluated on the "
+        "target "
         f"in the same {plan.judged} episodes."
     )
     seeds = Text(

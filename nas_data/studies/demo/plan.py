@@ -138,7 +138,7 @@ STAGES = (
         "Learn policies",
         "The task is to reach a point with the arm's tip. Policies learn it by PPO on the target (expert), in the "
         "plain simulator (source), in the simulator corrected by φ (augmented), in ψ (forward) and, if there are "
-        "names, in the simulator with them (named). Then each is judged on the target.",
+        "names, in the simulator with them (named). Then each is evaluated on the target.",
         import_lazily("learning", "learn_policies"),
         ("policies",),
     ),

@@ -27,7 +27,9 @@ class Request:
     methods: tuple[str, ...] = ()  # methods to compare, if the experiment compares methods
     workers: int = 1  # number of parallel processes
     purpose: str = "material"  # subfolder of the artifacts, one for each set of sizes
-    whole: Sizes | None = None  # sizes of the whole experiment, to distinguish files of parts of it; `sizes` if None
+    full_sizes: Sizes | None = (
+        None  # sizes of the whole experiment, to distinguish files of parts of it; `sizes` if None
+    )
     engine: str = "mujoco"  # physics engine of the target; the source always uses MuJoCo
 
     @property

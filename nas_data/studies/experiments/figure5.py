@@ -16,7 +16,7 @@ def run(request: Request) -> ExperimentResult:
         material, comparison = compare_methods(request, environment)
         name = make_environment_name(find_task_file(environment))
         frames, judged = comparison.study.frames, comparison.study.episodes
-        title = f"{name}, {request.target_text}: return on the target, {frames:,} frames, {judged} episodes a policy"
+        title = f"{name}, {request.target_text}: return on the target, {frames:,} frames, {judged} episodes per policy"
         tables.append(make_table(material, comparison, title))
         panels.append(make_panel(comparison, name))
         data[name] = describe(material, comparison)

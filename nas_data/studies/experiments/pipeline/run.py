@@ -140,13 +140,13 @@ def format_stem(name: str, request: Request) -> str:
 
 def describe_part(request: Request) -> list[str]:
     """Return words for differences from the whole experiment; none for the whole."""
-    ours, whole = request.sizes, request.whole or request.sizes
+    ours, full = request.sizes, request.full_sizes or request.sizes
     words = []
     if request.methods and set(request.methods) != set(METHODS):
         order = dict.fromkeys([*METHODS, *sorted(request.methods)])
         words += ["methods", *(method for method in order if method in request.methods)]
     for option in ("seeds", "counts"):
         values = getattr(ours, option)
-        words += [option, *map(str, values)] if values != getattr(whole, option) else []
-    words += ["frames", str(ours.frames)] if ours.frames != whole.frames else []
-    return [*words, *(["ppo", ours.ppo] if ours.ppo != whole.ppo else [])]
+        words += [option, *map(str, values)] if values != getattr(full, option) else []
+    words += ["frames", str(ours.frames)] if ours.frames != full.frames else []
+    return [*words, *(["ppo", ours.ppo] if ours.ppo != full.ppo else [])]

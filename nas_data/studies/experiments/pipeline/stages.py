@@ -114,7 +114,7 @@ def learn_on_names(job: Job) -> StageResult:
         return StageResult([nothing if material.named is None else explained], {})
     pairs = pair_again(material.train, plan.source_with(material.named), NAMED, job.folder, DATASETS)
     model = ModelJob("delta", job.folder / pairs.path, plan.delta, job.folder / PHI_NAMED, job.threads)
-    return run_training(model, "φ on the names", job)
+    return run_training(model, "φ on the named source", job)
 
 
 def list_source_modules(plan: MaterialPlan) -> tuple[str, ...]:
@@ -179,7 +179,7 @@ STAGES = {  # in parallel runs, stages with dependents come first, then the long
         ),
         Stage(
             PHI_NAMED,
-            "Learn φ on the names",
+            "Learn φ on the named source",
             "Another φ corrects the source with the named effects, if an error above the noise floor remains.",
             learn_on_names,
             (PHI_NAMED,),
