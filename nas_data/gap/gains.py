@@ -71,8 +71,8 @@ def check_equal_gains(registers: np.ndarray, model: str | Path, name: str | Path
     if len(values) > 1:
         known = ", ".join(f"{value:g}" for value in np.unique(values))
         raise ModelFileError(
-            f"{name} was recorded at several position gains ({REGISTER}: {known}), and {model} does not say at which "
-            f'its own gain holds: add <custom><numeric name="{NUMERIC}" data="…"/></custom> to the model.'
+            f"{name} was recorded at several position gains ({REGISTER}: {known}), and {model} does not give the one "
+            f'of its own gain: add <custom><numeric name="{NUMERIC}" data="…"/></custom> to the model.'
         )
 
 

@@ -120,7 +120,7 @@ def find_symmetry(simulator: Simulator) -> dict[str, Any]:
     cyclic, mirror = read_symmetry(model) if isinstance(model, mujoco.MjModel) else ((), {})
     if not cyclic and not mirror:
         raise OptionError(
-            f"The source's model declares no symmetry: add the texts {CYCLIC} and {MIRROR} to it, pair again, or take "
+            f"The source's model declares no symmetry: add the texts {CYCLIC} and {MIRROR} to it, pair again, or use "
             "the preset few."
         )
     unknown = [joint for joint in (*cyclic, *mirror) if joint not in simulator.joints]
@@ -130,7 +130,7 @@ def find_symmetry(simulator: Simulator) -> dict[str, Any]:
     if error > MAX_RELATIVE_ERROR:
         raise ModelFileError(
             f"The model is not as symmetric as its texts {CYCLIC} and {MIRROR} say: accelerations are {error:.1%} off; "
-            "correct them, or take the preset few."
+            "correct them, or use the preset few."
         )
     return {"cyclic": cyclic, "mirror": mirror}
 

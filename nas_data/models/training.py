@@ -162,7 +162,7 @@ def check_torques(kind: Kind, dataset: Dataset, options: TrainingOptions, simula
         reason = "it is trained in free running, which takes the source and --updates"
     else:
         return
-    raise OptionError(f"The preset {options.preset} is of φ that corrects torques: {reason}; take the preset few.")
+    raise OptionError(f"The preset {options.preset} is of φ that corrects torques: {reason}; use the preset few.")
 
 
 def find_device(name: str | None) -> torch.device:

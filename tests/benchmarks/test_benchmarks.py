@@ -74,7 +74,7 @@ def test_a_ratio_of_processor_time_goes_by_that_alone_and_says_so():
     times = {"fast": Times((1.0, 9.0), (3.0, 4.0)), "slow": Times((5.0, 6.0), (6.0, 12.0))}
     ratio = Ratio("fast_vs_slow", "fast", "slow", wanted=2.0, clock="cpu")
     assert ratio.values(times) == pytest.approx([2.0, 3.0])
-    assert "in 2 rounds of processor time, at least 2" in ratio.describe(times)
+    assert "in 2 rounds of processor time, required: at least 2" in ratio.describe(times)
     assert "processor" not in RATIO.describe(times)
 
 
@@ -101,7 +101,7 @@ def test_the_text_holds_every_round_the_spread_the_bar_and_the_hardware():
     text = BenchmarkResult("what was done", times, (RATIO,), ("a note",)).to_text()
     for part in (
         "what was done",
-        "fast_vs_slow 4, between 3 and 5 in 2 rounds, at least 2",
+        "fast_vs_slow 4, between 3 and 5 in 2 rounds, required: at least 2",
         "a note",
         " cores",
         "numpy",

@@ -132,7 +132,7 @@ def test_a_folder_of_another_training_is_refused_and_left_alone(tmp_path):
         learn(tmp_path / "p", 512)
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "notes.txt").write_text("mine")
-    with pytest.raises(OutputExists, match="holds no policy"):
+    with pytest.raises(OutputExists, match="is not a policy folder"):
         learn(tmp_path / "other", 512)
     assert_same_bits(before, weights(tmp_path / "p"))
 
@@ -263,7 +263,7 @@ def test_a_damaged_policy_is_refused_with_the_files_name(tmp_path, damage):
 def test_a_damaged_training_state_is_refused(tmp_path, segment):
     folder = shutil.copytree(segment, tmp_path / "damaged")
     (folder / STATE).write_bytes(b"half")
-    with pytest.raises(CheckpointError, match="train anew"):
+    with pytest.raises(CheckpointError, match="train again"):
         learn(folder, 2 * Learner.SEGMENT * BRIEF.rollout, hyperparameters=BRIEF)
 
 
@@ -272,7 +272,7 @@ def test_policies_are_found_alone_and_by_seed_in_the_order_of_numbers(tmp_path):
         learn(tmp_path / f"seed{seed}", 512, seed)
     assert [folder.name for folder in find_policies(tmp_path)] == ["seed2", "seed10"]
     assert find_policies(tmp_path / "seed10") == [tmp_path / "seed10"]
-    with pytest.raises(CheckpointError, match="holds no policy"):
+    with pytest.raises(CheckpointError, match="is not a policy folder"):
         find_policies(tmp_path / "nothing")
 
 
@@ -371,8 +371,8 @@ def test_the_commands_train_and_judge(tmp_path, capsys):
         (["train", "--on", "augmented", "--checkpoint", "nowhere"], "nowhere"),
         (["train", "--frames", "0"], "--frames is 0"),
         (["train", "--seed", "1", "1"], "different numbers"),
-        (["evaluate", "nowhere"], "nowhere holds no policy"),
-        (["evaluate", "nowhere", "--episodes", "0"], "0 episodes"),
+        (["evaluate", "nowhere"], "nowhere is not a policy folder"),
+        (["evaluate", "nowhere", "--episodes", "0"], "--episodes is 0"),
     ],
 )
 def test_bad_input_is_one_sentence_and_writes_nothing(tmp_path, monkeypatch, capsys, words, sentence):
@@ -401,6 +401,6 @@ def test_a_training_killed_at_its_first_save_begins_anew(tmp_path, segment, left
 
 def test_a_learning_curve_of_someone_elses_is_left_alone(tmp_path):
     (tmp_path / "progress.csv").write_text("mine")
-    with pytest.raises(OutputExists, match="holds no policy"):
+    with pytest.raises(OutputExists, match="is not a policy folder"):
         learn(tmp_path, 512)
     assert (tmp_path / "progress.csv").read_text() == "mine"

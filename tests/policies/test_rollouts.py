@@ -461,7 +461,11 @@ def test_a_rollout_is_saved_with_all_its_bouts_or_not_at_all(capsys, monkeypatch
             ("--on", "ergojr", "--port", "a", "--defender-port", "b"),
             "Give the source of the hits: --hits",
         ),
-        ("ErgoShield", ("--on", "ergojr", "--port", "a", "--defender-port", "a", "--hits", "simulated"), "Both arms"),
+        (
+            "ErgoShield",
+            ("--on", "ergojr", "--port", "a", "--defender-port", "a", "--hits", "simulated"),
+            "--port and --defender-port are both a",
+        ),
         ("ErgoShield", (*DUEL, "--hits", "nowhere"), "nowhere cannot be read as a keyboard"),
         ("ErgoShield", (*DUEL, "--missed", "2"), "--missed is 2.0; it must be in 0 … 1"),
         ("ErgoReacher", (*LOCKSTEP, "--missed", "0.1"), "--missed is 0.1; it must be in 0 … 1"),

@@ -294,7 +294,7 @@ def test_what_has_no_torques_to_correct_is_refused(kind, effort, updates, said):
     source = replace(TorqueArm.draw(0), commands_effort=effort)
     dataset = pair(recorded_on(source, wander((60, 45), 2)), source)
     options = preset("symmetric", updates=updates)
-    with pytest.raises(OptionError, match=f"^The preset symmetric .*{said}.*take the preset few"):
+    with pytest.raises(OptionError, match=f"^The preset symmetric .*{said}.*use the preset few"):
         ModelTraining(kind, dataset, options, source, device="cpu")
     with pytest.raises(OptionError, match="A symmetry needs a φ that corrects commands"):
         preset("fast", symmetric=True)

@@ -108,7 +108,7 @@ def describe_experiment(best: RatedExperiment, rivals: tuple[Rival, Rival], join
         return (
             f"no simulated experiment separates {one} from {two}: at best, in {best.trial.name}, the two models would "
             "differ by "
-            f"{best.separation:.1f} times the noise; a finer sensor or more load would be needed"
+            f"{best.separation:.1f} times the noise; a finer sensor or more load is needed"
         )
     place = "all joints" if len(best.trial.moved) == len(joints) > 1 else " and ".join(best.trial.moved)
     where = "there" if best.trial.moved == (best.joint,) else f"at {best.joint}"

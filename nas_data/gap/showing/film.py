@@ -25,9 +25,9 @@ def make_film_blocks(folder: Path, report: GapReport, series: Series) -> list[Bl
     try:
         return [draw_film(folder / MODEL, report, series)]
     except MissingPackage as error:
-        return [Text(f"There is no film here. {error} Then run: nas gap show {folder.name}")]
+        return [Text(f"No film was made. {error} Then run: nas gap show {folder.name}")]
     except ModelFileError as error:
-        return [Text(f"There is no film here. {error}")]
+        return [Text(f"No film was made. {error}")]
 
 
 def draw_film(model: Path, report: GapReport, series: Series) -> ShortFilm:

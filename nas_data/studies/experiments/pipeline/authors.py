@@ -65,9 +65,9 @@ SIMULATED = (
     "other dynamics they only show the scale."
 )
 ON_THE_ARM = (
-    "The authors' hits (diamonds) are of the real arm, for which the dynamics 'paper' stands in here: of 2, 4, 1 and 2 "
-    "policies of expert, source, forward and nas, the sources trained with slower servos than the others, forward with "
-    "a reward that was always zero."
+    "The authors' hits (diamonds) were measured on the real arm, which the dynamics 'paper' represents here. They come "
+    "from 2, 4, 1 and 2 policies of expert, source, forward and nas. The source policies were trained with slower "
+    "servos than the others, forward with a reward that was always zero."
 )
 REMARKS = {PLOT: SIMULATED, REACHER: SIMULATED, HITS: ON_THE_ARM}
 

@@ -112,7 +112,7 @@ class Sizes:
         if not self.quick:
             return ""
         return (
-            f"QUICK: the shape only, not a result: {self.trajectories} recorded trajectories, networks of "
+            f"QUICK: a trial run, not a result: {self.trajectories} recorded trajectories, networks of "
             f"{self.delta.layers} × {self.delta.hidden} units after {self.delta.updates} updates, policies of "
             f"{count_of(self.frames, 'frame', ',')}, {count_of(len(self.seeds), 'seed')}, "
             f"{count_of(self.judged, 'episode')} each."
