@@ -90,7 +90,7 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
         if corrects == "command" and not (kind == "delta" and commands_effort):
             raise ValueError("only a delta model of a robot that takes torques corrects commands")
         if (cyclic or mirror) and corrects == "state":
-            raise ValueError("only a model that corrects commands is bound to a symmetry")
+            raise ValueError("only a model that corrects commands can have a symmetry")
         self.kind: Kind = kind
         self.joints = tuple(joints)
         self.relative = relative

@@ -250,8 +250,8 @@ class _RestingRows:
         for index in self.loaded:
             if correlations[index] <= CONTRADICTION:
                 what = (
-                    f"gravity acts on {joints[index]} in the wrong direction: at rest, its command is on the side to "
-                    f"which the model's gravity pulls (correlation {correlations[index]:.2f})"
+                    f"{joints[index]} has the wrong sign for the model's gravity: at rest, its command is on the side "
+                    f"to which gravity pulls (correlation {correlations[index]:.2f})"
                 )
                 remedy = f"check sign and zero of {joints[index]} in the map"
                 found.append(_make_finding("model_gravity", what, remedy))

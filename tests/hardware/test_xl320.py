@@ -491,9 +491,9 @@ def test_a_servo_gets_another_identity(bus, folder, capsys):
         (("--port", "virtual", "--fault", "overload:servo=3,after=2", "--fault", "unplugged"), "has: 1, 2, 4, 5, 6"),
         (("--port", "virtual", "--fault", "bent:servo=0"), "bends servo 0; the virtual arm has 1 to 6"),
         (("--port", "virtual", "--fault", "duplicate_id:identity=300"), "id is 300; it must lie in 0 … 255"),
-        (("--port", "virtual", "--calibration", "absent.json"), "absent.json is no calibration of this arm"),
+        (("--port", "virtual", "--calibration", "absent.json"), "absent.json is not a calibration of this arm"),
         (("--port", "virtual", "--rename", "six:seven"), "write OLD:NEW"),
-        (("--port", "virtual", "--calibration", __file__), "is no calibration of this arm"),
+        (("--port", "virtual", "--calibration", __file__), "is not a calibration of this arm"),
     ],
 )
 def test_bad_input_costs_one_sentence(folder, capfd, options, words):

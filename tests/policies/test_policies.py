@@ -272,7 +272,7 @@ def test_policies_are_found_alone_and_by_seed_in_the_order_of_numbers(tmp_path):
         learn(tmp_path / f"seed{seed}", 512, seed)
     assert [folder.name for folder in find_policies(tmp_path)] == ["seed2", "seed10"]
     assert find_policies(tmp_path / "seed10") == [tmp_path / "seed10"]
-    with pytest.raises(CheckpointError, match="is not a policy folder"):
+    with pytest.raises(CheckpointError, match="holds no policy"):
         find_policies(tmp_path / "nothing")
 
 
@@ -371,7 +371,7 @@ def test_the_commands_train_and_judge(tmp_path, capsys):
         (["train", "--on", "augmented", "--checkpoint", "nowhere"], "nowhere"),
         (["train", "--frames", "0"], "--frames is 0"),
         (["train", "--seed", "1", "1"], "different numbers"),
-        (["evaluate", "nowhere"], "nowhere is not a policy folder"),
+        (["evaluate", "nowhere"], "nowhere holds no policy"),
         (["evaluate", "nowhere", "--episodes", "0"], "--episodes is 0"),
     ],
 )

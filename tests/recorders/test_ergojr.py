@@ -242,7 +242,7 @@ def test_a_recording_goes_on_after_a_fault_as_if_nothing_had_happened(folder, ca
     before = read(UNDER_WAY)
     assert 0 < before.n_episodes < 6
     assert record(*LOCKSTEP, "--episodes", "6", "--seed", "1") == 2
-    assert "was begun with other options" in capsys.readouterr().err
+    assert "was started with other options" in capsys.readouterr().err
     shutil.copytree("datasets", "copy/datasets", symlinks=True)
     monkeypatch.chdir("copy")
     assert record(*LOCKSTEP, "--episodes", "6", "--finish") == 0
@@ -305,13 +305,13 @@ def test_a_hot_arm_rests(capfd):
         ((*LOCKSTEP, "--rate", "5000"), "--rate is 5000"),
         ((*LOCKSTEP, "--speed", "-1"), "speed limit is -1"),
         ((*LOCKSTEP, "--torque", "0"), "torque limit is 0"),
-        ((*LOCKSTEP, "--hot", "90"), "--hot is 90; it must lie in 35 … 64 °C"),
+        ((*LOCKSTEP, "--hot", "90"), "--hot is 90; it must be in 35 … 64 °C"),
         ((*LOCKSTEP, "--hot", "20"), "--hot is 20"),
         ((*LOCKSTEP, "--effect", "backlash:joint=m9,half_width=0.03"), "names the joint 'm9'"),
         ((*LOCKSTEP, "--fault", "unplugged:servo=12"), "names servo 12"),
         ((*LOCKSTEP, "--p-gain", "300"), "p_gain is 300"),
         ((*LOCKSTEP, "--excitation", "dance"), "dance"),
-        ((*LOCKSTEP, "--calibration", "absent.json"), "absent.json is no calibration"),
+        ((*LOCKSTEP, "--calibration", "absent.json"), "absent.json is not a calibration"),
         ((*LOCKSTEP, "--finish"), "There are no saved episodes in"),
         ((*LOCKSTEP, "--joints", "m9"), "no joint 'm9'"),
     ],

@@ -163,9 +163,9 @@ def test_command_files_read_back_bit_by_bit(tmp_path_factory, rows, episodes):
         ("a.pos\nx\n", LogError, "line 2: a.pos is 'x'"),
         ("a.pos\n1\n\nnan\n", LogError, "'nan'"),
         ("a.pos\n1,2\n", LogError, "line 2 has 2 cells"),
-        ("b.pos\n1\n", JointMismatch, "needed are a.pos"),
-        ("a.pos,c.pos\n1,2\n", JointMismatch, "needed are a.pos"),
-        ("a.pos,episode\n1,0\n1,1\n1,0\n", LogError, "apart"),
+        ("b.pos\n1\n", JointMismatch, "it needs a.pos"),
+        ("a.pos,c.pos\n1,2\n", JointMismatch, "it needs a.pos"),
+        ("a.pos,episode\n1,0\n1,1\n1,0\n", LogError, "not contiguous"),
     ],
 )
 def test_faulty_command_files_are_refused_by_row(tmp_path, text, error, words):

@@ -183,5 +183,5 @@ def test_what_a_plugin_is_asked_for_is_not_guessed(load):
     way = replace(
         PLAIN, actuator='<plugin joint="{j}" plugin="mujoco.pid" instance="p"/>', after=plugin + "</extension>"
     )
-    with pytest.raises(ModelFileError, match=r"'a' of .* \(plugin\) has a control that is no position, velocity or"):
+    with pytest.raises(ModelFileError, match=r"'a' of .* \(plugin\) has a control that is not a position, velocity or"):
         load(way)
