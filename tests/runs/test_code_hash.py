@@ -185,7 +185,7 @@ def test_a_study_refuses_policies_of_other_code_and_leaves_them_alone(tmp_path, 
     first = compare(study, tmp_path, report=lambda _: None)
     held = (tmp_path / "source/seed0" / CONFIG).read_bytes()
     edited("nas_data.envs.pusher", "REACHED = 0.17", "REACHED = 0.18")
-    with pytest.raises(OutputExists, match="other code of nas_data"):
+    with pytest.raises(OutputExists, match="another version of nas_data"):
         compare(study, tmp_path, report=lambda _: None)
     assert (tmp_path / "source/seed0" / CONFIG).read_bytes() == held
     assert first.results["source", 0].question["code"]
