@@ -280,7 +280,7 @@ def find_robot(name_or_path: str | Path) -> Robot:
         edit: Edit | None = add_actuators if path.suffix == URDF and find_motor_joints(spec) else None
         if edit:
             edit(spec)
-        if path.suffix == URDF and find_base_contacts(spec):
+        if path.suffix == URDF and find_base_contacts(spec.compile()):
             edit = ConsecutiveEdits(edit, exclude_base_contacts)
         if find_shared_drives(spec):
             add_shared_drives(spec)
