@@ -313,6 +313,16 @@ def test_what_a_urdf_lacks_is_said_with_a_remedy_that_works(tmp_path):
         find_robot(path)
 
 
+def test_a_warning_of_the_engine_is_shown_once_however_often_a_model_is_read(tmp_path, capsys):
+    path = tmp_path / "arm.urdf"
+    path.write_text(
+        FLOATING.replace('name="j"', 'name="unlimited"').replace('lower="-1" upper="1"', 'lower="0" upper="0"')
+    )
+    for _ in range(2):
+        find_robot(path).spec()
+    assert capsys.readouterr().err.count("'unlimited' has equal lower and upper limits") == 1
+
+
 def test_an_inertia_that_no_body_has_is_said_with_a_remedy_that_works(tmp_path):
     path = tmp_path / "arm.urdf"
     path.write_text(FLOATING.replace('izz="1e-3"', 'izz="3e-3"'))
