@@ -317,6 +317,16 @@ def test_colliding_meshes_are_left_out_and_that_is_said(here, capsys):
     check_source(paired, find_source(None, (), paired, [Path("paired")]))
 
 
+def test_warnings_of_a_model_are_not_repeated_of_its_kept_copy(here, capsys):
+    write(recorded_on(pendulum(), wander((20,), size=0.1)), here / "raw", SIMULATED)
+    model = meshed(here, 'contype="2" conaffinity="2"')
+    text = model.read_text().replace("</actuator>", '<adhesion body="suction" ctrlrange="0 1"/></actuator>')
+    model.write_text(text.replace("<body>", '<body name="suction">'))
+    assert main(["pair", "raw", "--model", "meshed.xml", "--out", "paired"]) == 0
+    said = capsys.readouterr().err
+    assert said.count("drive no joint by themselves") == 1 and "of meshed.xml drive" in said
+
+
 def test_a_source_whose_meshes_matter_is_not_kept_and_that_is_said(here, capsys):
     write(recorded_on(pendulum(), wander((40,), size=1.2)), here / "raw", SIMULATED)
     told = nas(capsys, "pair", "raw", "--model", meshed(here, 'contype="2" conaffinity="2"', 0.1), "--out", "paired")
