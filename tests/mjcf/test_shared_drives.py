@@ -7,6 +7,7 @@ from support.simulator_samples import EACH_ENGINE
 from support.typical_effects import OF_OBJECTS, ON_ANY_ARM, typical
 
 from nas_data.errors import NasError
+from nas_data.gap.finding.conditions import compute_torques, read_torque_limits
 from nas_data.robots.base import find_robot
 from nas_data.simulators.engines import load_simulator
 from nas_data.simulators.limits import command_limits
@@ -133,3 +134,10 @@ def test_other_tendons_are_refused_and_the_remedy_works(tmp_path, tendon, equali
 def test_a_joint_with_a_servo_of_its_own_keeps_it(tmp_path):
     robot = find_robot(write(tmp_path, actuator=f'<position joint="right" kp="9"/>{GRIP}'))
     assert (robot.joints, robot.edit) == (("right",), None)
+
+
+def test_the_torque_on_the_joint_includes_that_on_its_followers(tmp_path):
+    limited = GRIP.replace("ctrlrange", 'forcerange="-2 2" ctrlrange')
+    gripper = load_simulator(write(tmp_path, actuator=limited), PERIOD, threads=1)
+    _, torque = compute_torques(gripper, np.zeros((1, 2)), np.array([[0.9]]))
+    assert torque[0, 0] == pytest.approx(2.0) == read_torque_limits(gripper)[1][0]
