@@ -15,7 +15,7 @@ from nas_data.log import warn
 from nas_data.models import checkpoint
 from nas_data.models.evaluation import PLAIN, Evaluation
 from nas_data.models.evaluation import evaluate as evaluate_predictors
-from nas_data.pairing import warn_of_ranges
+from nas_data.pairing import warn_of_overlaps, warn_of_ranges
 from nas_data.robots.base import find_robot, list_robot_names
 from nas_data.runs.progress import silence
 from nas_data.simulators.base import Simulator
@@ -75,6 +75,7 @@ def evaluate(
         simulator = source.simulator(recorded) if source else None
         if simulator is not None and given is not None:
             warn_of_ranges(recorded, find_robot(given))
+            warn_of_overlaps(recorded, simulator)
         others, notes = ({}, ()) if not plain_fit or source is None else fit_plain(judged, recorded, source, say)
         if corrected is not None and corrected != given:
             others = {**others, MODEL: locate_source(corrected, (), (), engine).simulator(recorded)}
