@@ -20,7 +20,7 @@ SHOWN = 3  # findings of one kind that are printed in full
 
 @dataclass(frozen=True, kw_only=True)
 class ImportLogs(Command):
-    """Turn recorded logs (CSV, Parquet, NPZ, JSON) or LeRobot datasets of any robot into one dataset.
+    """Turn recorded logs (tables, arrays, bags) or LeRobot datasets of any robot into one dataset.
 
     Example: nas import recordings/*.npz --map so101_npz --name so101
 
@@ -28,16 +28,17 @@ class ImportLogs(Command):
 
     The map says where in a log each quantity stands and what its numbers mean; so101_npz, so101_csv and xl330_json
     come with the program, so101_lerobot, so100_lerobot and koch_lerobot for what lerobot-record writes (degrees, or
-    −100 … 100 with the calibration), and example_csv and example_lerobot explain every key, to be copied for your own
-    robot. Recordings are audited first: errors refuse, warnings are kept. A LeRobot dataset in radians needs no map:
-    velocities and next states that it lacks are derived. Cameras and task texts are kept.
+    −100 … 100 with the calibration), and example_csv, example_ros2 and example_lerobot explain every key, to be copied
+    for your own robot. Recordings are audited first: errors refuse, warnings are kept. A LeRobot dataset needs no map
+    if its joints are called, signed and zeroed as in the model: --unit says what its numbers are. Velocities and next
+    states that it lacks are derived. Cameras and task texts are kept.
     """
 
     logs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG…")]
     """Logs, folders of logs, or LeRobot datasets."""
     map: str | None = None
-    """Mapping file (TOML), or the name of a shipped one such as so101_npz or so101_lerobot. None for a LeRobot dataset
-    in radians."""
+    """Mapping file (TOML), or the name of a shipped one such as so101_npz or so101_lerobot. Logs need one; a LeRobot
+    dataset may do without."""
     unit: str | None = None
     """Unit of a LeRobot dataset: deg, range (−100 … 100, with --calibration) or rad. Told by the readings where a map
     is given and this is not; without a map, every joint is in this unit."""
