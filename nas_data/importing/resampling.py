@@ -25,10 +25,10 @@ def resample(recording: Recording, how: Resample) -> Recording:
     # The margin keeps the last step if the duration is a whole number of periods up to rounding.
     count = int(np.floor(once.time[-1] * how.rate + 1e-6)) + 1
     grid = np.arange(count) / how.rate
-    last = _find_last_row(once.time, grid)
+    last = _find_last_row(once.time, grid + 1e-9)
     # A command acts from its row to the next. At the start of a step, a clock that jitters by microseconds decides
     # between two commands. The command of the middle is right there, and neither early nor late on average elsewhere.
-    acting = _find_last_row(once.time, grid + 0.5 / how.rate)
+    acting = _find_last_row(once.time, grid + 0.5 / how.rate - 1e-9)
 
     def between(values: np.ndarray) -> np.ndarray:
         if how.method == "previous":
@@ -48,4 +48,4 @@ def resample(recording: Recording, how: Resample) -> Recording:
 
 def _find_last_row(time: np.ndarray, moments: np.ndarray) -> np.ndarray:
     """Find the last row at or before each moment [s]; the first row where there is none before."""
-    return np.clip(np.searchsorted(time, moments + 1e-9, side="right") - 1, 0, None)
+    return np.clip(np.searchsorted(time, moments, side="right") - 1, 0, None)

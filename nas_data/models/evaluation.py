@@ -25,7 +25,7 @@ MODEL = {"delta": "source + φ", "forward": "ψ"}
 PLAIN = "plain fit"
 LEGEND = {
     "model": "the model that is evaluated",
-    "source": "the model as given by --model, or as kept with the checkpoint or dataset",
+    "source": "the model as given, or as kept with the checkpoint or dataset",
     "hold": "predicts that nothing moves",
     "command": "predicts that every joint is where it is told to be",
 }

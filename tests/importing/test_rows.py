@@ -195,7 +195,7 @@ def test_resampling_keeps_lines_straight_and_holds_commands(steps, rate):
     np.testing.assert_allclose(even.time, np.arange(len(even.time)) / rate)
     assert time[-1] - 1 / rate - 1e-5 < even.time[-1] <= time[-1] + 1e-5
     np.testing.assert_allclose(even.positions, np.column_stack([2 * even.time, -even.time]), atol=1e-4)
-    acting = np.searchsorted(time, even.time + 0.5 / rate + 1e-9, side="right") - 1
+    acting = np.searchsorted(time, even.time + 0.5 / rate - 1e-9, side="right") - 1
     np.testing.assert_array_equal(even.commands[:, 0], acting)
     np.testing.assert_array_equal(even.signals["on"][:, 0], acting)
     np.testing.assert_array_equal(even.rows, acting)
