@@ -6,7 +6,16 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from nas_data.api.arguments import Actuators, Count, Progress, as_dataset, as_optional_model, count_aloud, find_folder
+from nas_data.api.arguments import (
+    Actuators,
+    Count,
+    Progress,
+    as_dataset,
+    as_models,
+    as_optional_model,
+    count_aloud,
+    find_folder,
+)
 from nas_data.api.learned_model import LearnedModel
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import kept_folders
@@ -64,8 +73,8 @@ def evaluate(
     """
     say = progress or silence
     alone = is_model(learned)
-    corrected = as_optional_model(str(learned), actuators) if alone else None
-    given = corrected if model is None and alone else as_optional_model(model, actuators)
+    compared = as_models([str(learned), str(learned) if model is None else model], actuators) if alone else None
+    corrected, given = compared or (None, as_optional_model(model, actuators))
     judged = None if alone else as_learned(learned)
     recorded = as_dataset(dataset, episodes)
     with checkpoint_folder(judged) as own, kept_folders(recorded) as folders:

@@ -8,6 +8,7 @@ import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
+from nas_data.count_of import count_of
 from nas_data.runs.progress import report_heartbeat, say
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ class GapAdd(TakesModel):
             if errors is not None and (unit := find_display_unit(errors.unit))
         )
         text = (
-            f"Open-loop position error on {len(problem.held.evidence)} held-out episodes: {shown}, "
+            f"Open-loop position error on {count_of(len(problem.held.evidence), 'held-out episode')}: {shown}, "
             f"from the written file.\n{outcome.model}"
         )
         data: dict[str, object] = {"model": outcome.model, "before": found.before, "after": found.after}

@@ -214,13 +214,17 @@ def describe_placebo(held: FitTask, naming: Naming) -> Placebo | None:
     error = float(np.sqrt(naming.placebo.heldout[:, select_first_kind(held)].mean()))
     rival = naming.placebo.effects[-1]
     replaced = naming.findings[naming.rivals.index(naming.placebo)].effect
-    where = f" in {rival.joint}" if rival.joint else ""
     effects = (effect.to_json(held.nominal.slides) for effect in naming.placebo.effects)
     return Placebo(
         effects=tuple(from_json(FittedEffect, entry) for entry in effects),
         after=error,
-        text=f"{rival.name()}{where} instead of {replaced.name()}",
+        text=f"{name_with_place(rival)} instead of {name_with_place(replaced)}",
     )
+
+
+def name_with_place(effect: Effect) -> str:
+    """Return an effect's name with its joint, or with the whole arm: rivals may differ in the place alone."""
+    return f"{effect.name()} in {effect.joint or 'the whole arm'}"
 
 
 def write_series(folder: Path, problem: Problem, naming: Naming, outcome: HeldOutResult) -> None:

@@ -60,6 +60,9 @@ def write_difference(folder: Path, nominal: Nominal, given: str) -> Path:
         given: Name of the given model.
     """
     spec = nominal.make_spec({})
+    given_options = nominal.robot.spec().option  # `nominal` has a timestep that divides a control period
+    for name in ("timestep", "integrator", "disableflags"):
+        setattr(spec.option, name, getattr(given_options, name))
     for joint in nominal.joints:
         add_position_sensor(spec, joint)
     with tempfile.TemporaryDirectory() as place:
