@@ -97,7 +97,7 @@ def test_rows_that_no_episode_reaches_are_not_drawn(tmp_path):
 def test_values_stand_in_friendly_units_beside_si(tmp_path):
     text = text_of(show(written(tmp_path, {"verdict": "partly_explained", **VERDICTS["partly_explained"]})))
     assert "Added: backlash in m2 (half width 0.991° (0.0173 rad))" in text
-    assert "half width 0.991° (0.0173 rad) 0.928° … 1.05° 97 % (sure) –" in text
+    assert "half width 0.991° (0.0173 rad) 0.928 … 1.05° 97 % (sure) –" in text
     assert "delay 31.4 ms (0.0314 s)" in text
     assert "64 % (a guess, not more) – rotor inertia in m1" in text
     assert "A model file cannot quite hold command delay (whole arm): effects.json does" in text
