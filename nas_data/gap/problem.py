@@ -7,7 +7,7 @@ from nas_data.count_of import count_of
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.external import audit_external
 from nas_data.dataset.read import read
-from nas_data.dataset.versions import resolve
+from nas_data.dataset.versions import VERSION, resolve
 from nas_data.errors import DatasetInvalid
 from nas_data.gap.episode_batch import EpisodeBatch, cut_windows, split_episodes
 from nas_data.gap.finding.torque_off import keep_torque_on_and_fall
@@ -103,7 +103,7 @@ class Problem:
         )
         folder = root or Path("dataset")
         shown = Path(str(model).removesuffix(TORQUES)).name
-        names = (folder.parent.name if folder.name.startswith("v") else folder.name, shown)
+        names = (folder.parent.name if VERSION.fullmatch(folder.name) else folder.name, shown)
         fitted, judged = (FitTask(nominal, part, floor).infer_initial_loads((), {}) for part in (train, held))
         return cls(transitions, evidence, fitted, judged, as_given, tuple(overlaps.values()), names, model, root)
 
