@@ -76,7 +76,9 @@ def compose(
         dataset=dataset,
         model=model,
         verdict=decide_verdict(before, after, len(naming.findings)),
-        effects=tuple(describe_finding(finding, held.nominal, outcome.whole) for finding in naming.findings),
+        effects=tuple(
+            describe_finding(finding, held.nominal, outcome.contains(finding.effect)) for finding in naming.findings
+        ),
         retuned=tuple(from_json(Retuned, entry) for entry in list_retuned(naming.final)),
         joints=describe_joints(held, naming, after),
         unexplained=find_unexplained(held, outcome.after, after),
@@ -95,13 +97,13 @@ def compose(
     )
 
 
-def describe_finding(finding: Finding, nominal: Nominal, whole: bool = False) -> NamedEffect:
+def describe_finding(finding: Finding, nominal: Nominal, in_file: bool) -> NamedEffect:
     """Return a finding as the report lists it.
 
     Args:
         finding: Named effect.
         nominal: Model, whose joints decide the units.
-        whole: Whether the model file expresses every effect.
+        in_file: Whether the model file contains the effect.
     """
     effect, slides = finding.effect, nominal.slides
     unit = find_joint_unit(effect.joint, slides) if effect.joint else group_by_kind(nominal.joints, slides)[0][0]
@@ -114,7 +116,7 @@ def describe_finding(finding: Finding, nominal: Nominal, whole: bool = False) ->
         evidence=HeldoutErrors(heldout_error_before=finding.before, heldout_error_after=finding.after, unit=unit.si),
         alternatives=tuple(describe_alternative(rival, error) for rival, error in finding.alternatives),
         equals=tuple(EffectName(name=rival.name(), joint=rival.joint) for rival in finding.equals),
-        in_model_xml=whole or effect.in_model,
+        in_model_xml=in_file,
     )
 
 

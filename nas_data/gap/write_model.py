@@ -85,6 +85,7 @@ def write_effects(
     factors: Mapping[str, float],
     whole: bool = False,
     slides: Collection[str] = (),
+    in_file: bool = True,
 ) -> Path:
     """Write named effects and retuned base parameters for `nas record sim --effects` and `nas pair`.
 
@@ -94,8 +95,9 @@ def write_effects(
         factors: Factors of base parameters.
         whole: Whether the model file also expresses effects with hooks.
         slides: Slides of the model, which have other units.
+        in_file: Whether the model file contains the effects that it can express.
     """
-    entries = [{**effect.to_json(slides), "in_model_xml": whole or effect.in_model} for effect in effects]
+    entries = [{**effect.to_json(slides), "in_model_xml": in_file and (whole or effect.in_model)} for effect in effects]
     content = {"schema": 1, "effects": entries, "retuned": dict(factors)}
     path = folder / EFFECTS
     path.write_text(json.dumps(content, indent=1), encoding="utf-8")
