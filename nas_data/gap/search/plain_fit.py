@@ -67,7 +67,7 @@ def fit_smooth(search: Search) -> Hypothesis:
     known = {} if found else reuse_jacobian(search.null.fit, parameters, len(description.effects))
     known = {column: rows for column, rows in known.items() if not is_effect_or_freed(parameters, column)}
     whole = fit(search.task, parameters, start, known, steps=8, jacobian_refreshes=2)
-    if whole is None:
+    if whole is None or not whole.loss < search.null.fit.loss:
         return search.null
     plain = search.evaluate(description, whole)
     search.report("plain fit", plain)
