@@ -3,7 +3,8 @@
 import functools
 import logging
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 logger = logging.getLogger("nas_data")
 
@@ -37,3 +38,14 @@ def warn_once(warning: str) -> None:
 
     if multiprocessing.parent_process() is None:
         warn([warning])
+
+
+@contextmanager
+def hide_warnings() -> Iterator[None]:
+    """Show no warnings inside the block, where they would repeat what was said, of a copy that nobody knows."""
+    before = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)

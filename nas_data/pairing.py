@@ -25,11 +25,12 @@ from nas_data.joint_units import compute_angle_scales, find_joint_unit
 from nas_data.log import warn, warn_once
 from nas_data.robots.base import URDF, Robot
 from nas_data.simulators.base import Simulator
+from nas_data.simulators.contact import find_lasting_overlaps
 from nas_data.simulators.lock_joints import refuse_ground_contact
 from nas_data.simulators.mujoco import MujocoSimulator
 
 ACTUATORS = {POSITION: "a <position>", VELOCITY: "a <velocity>", EFFORT: "a <motor>"}
-POSTURES = 100  # postures in which a robot with a fixed base is checked for contact with the ground
+POSTURES = 100  # postures in which a robot's contacts with itself and with the ground are checked
 PROBES = 500  # transitions with which a source is compared
 SAME_SOURCE = 1e-5  # [rad] engines of other versions and machines differ by less
 # At a slide, the next two are scaled by `joint_units.compute_angle_scales`.
@@ -222,6 +223,39 @@ def warn_of_ranges(dataset: Dataset, robot: Robot) -> list[str]:
     return found
 
 
+def warn_of_overlaps(dataset: Dataset, simulator: Simulator) -> list[str]:
+    """Warn of bodies of the source whose shapes overlap in nearly all measured postures, and push each other away.
+
+    Args:
+        dataset: Transitions with 2n-states.
+        simulator: The source; PyBullet's has no meshes and is not looked at.
+
+    Returns:
+        What was said, a sentence each.
+    """
+    if not isinstance(simulator, MujocoSimulator) or not dataset.n_frames:
+        return []
+    path, found = simulator.robot.mjcf, []
+    postures = dataset.states[_choose_postures(dataset), : len(dataset.joints)]
+    for (one, other), distance in find_lasting_overlaps(simulator, postures).items():
+        remedy = (
+            "take the <collision> of one of them out of the model"
+            if path.suffix == URDF
+            else f'write <contact><exclude body1="{one}" body2="{other}"/></contact>'
+        )
+        found.append(
+            f"'{one}' and '{other}' of {path} overlap in nearly all measured postures, by up to {-1e3 * distance:.2g} "
+            f"mm, so that their contact pushes the joints: {remedy} if the robot's parts do not touch there"
+        )
+    warn(found)
+    return found
+
+
+def _choose_postures(dataset: Dataset) -> np.ndarray:
+    """Return the indices of frames spread over a dataset, `POSTURES` at most."""
+    return np.unique(np.linspace(0, dataset.n_frames - 1, min(dataset.n_frames, POSTURES)).astype(int))
+
+
 def check_fits(dataset: Dataset, simulator: Simulator) -> None:
     """Check robot, rate and command type of a simulator.
 
@@ -233,10 +267,8 @@ def check_fits(dataset: Dataset, simulator: Simulator) -> None:
             f"The simulator has the joints {', '.join(simulator.joints)}; the dataset {', '.join(dataset.joints)}."
         )
     if isinstance(simulator, MujocoSimulator) and simulator.robot.bases:
-        rows = np.unique(np.linspace(0, dataset.n_frames - 1, min(dataset.n_frames, POSTURES)).astype(int))
-        refuse_ground_contact(
-            simulator.model, simulator.layout, dataset.states[rows, : len(dataset.joints)], str(simulator.robot.mjcf)
-        )
+        postures = dataset.states[_choose_postures(dataset), : len(dataset.joints)]
+        refuse_ground_contact(simulator.model, simulator.layout, postures, str(simulator.robot.mjcf))
     if abs(simulator.period * dataset.fps - 1) > 1e-6:
         raise JointMismatch(f"The simulator steps at {1 / simulator.period:g} Hz, the dataset at {dataset.fps:g} Hz.")
     names = {POSITION: "positions", VELOCITY: "velocities", EFFORT: "torques"}

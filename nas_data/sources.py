@@ -10,6 +10,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.layout import PROVENANCE, SOURCE, SOURCE_EFFECTS, read_json
 from nas_data.effects.base import Effect, read_effects
 from nas_data.errors import ModelFileError
+from nas_data.log import hide_warnings
 from nas_data.mjcf.strip_meshes import count_colliding_geoms, format_exact_xml, needs_files, strip_meshes
 from nas_data.pairing import check_source
 from nas_data.robots.base import Robot, list_slide_joints
@@ -60,7 +61,7 @@ def check_kept(files: Mapping[str, bytes], paired: Dataset, engine: str) -> None
     Raises:
         JointMismatch: they predict otherwise.
     """
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, hide_warnings():
         for name, content in files.items():
             Path(folder, name).write_bytes(content)
         check_source(paired, find_source(None, (), paired, [Path(folder)], engine))

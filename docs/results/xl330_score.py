@@ -17,8 +17,12 @@ from nas_data.gap.finding.torque_off import keep_torque_on_and_fall
 from nas_data.gap.floor import estimate_noise_floor
 from nas_data.gap.gains import with_relative_gains
 from nas_data.gap.nominal import Nominal, find_fine_timestep, with_timestep
+from nas_data.gap.problem import Problem
 from nas_data.gap.search.final import fit_final
-from nas_data.gap.search.fit import FitTask
+from nas_data.gap.search.hypothesis import Description
+from nas_data.gap.search.objective import FitTask
+from nas_data.gap.search.plain_fit import fit_plain
+from nas_data.gap.search.search import Search
 from nas_data.gap.write_model import read_factors
 from nas_data.runs.environment_info import find_commit
 
@@ -46,10 +50,16 @@ def errors(
 
 def refitted(evidence: EpisodeBatch) -> tuple[Sequence[Effect], Mapping[str, float]]:
     """Fit the authors' effects and the model's own numbers to other logs: what their form of friction can foresee."""
-    final = fit_final(
-        FitTask(Nominal.load(MODEL, evidence), evidence, estimate_noise_floor(evidence)), read_effects(AUTHORS), {}
-    )
+    task = FitTask(Nominal.load(MODEL, evidence), evidence, estimate_noise_floor(evidence))
+    final = fit_final(task, Description(tuple(read_effects(AUTHORS))), {})
     return final.effects, final.factors
+
+
+def fit_without_names(dataset: Path) -> tuple[Sequence[Effect], Mapping[str, float]]:
+    """Make the plain fit to a dataset, on the episodes that `nas gap` fits."""
+    problem = Problem.load(dataset, MODEL)
+    plain = fit_plain(Search.begin(problem.train, problem.held))
+    return plain.effects, plain.fit.factors
 
 
 def held_out(trajectory: str, datasets: Path, runs: Path) -> list[dict[str, object]]:
@@ -60,6 +70,7 @@ def held_out(trajectory: str, datasets: Path, runs: Path) -> list[dict[str, obje
         "frictionless": errors(evidence),
         "authors": errors(evidence, read_effects(AUTHORS)),
         "refitted": errors(evidence, *refitted(others)),
+        "plain": errors(evidence, *fit_without_names(datasets / f"without_{trajectory}")),
         "named": errors(evidence, read_effects(named), read_factors(named)),
     }
     known = {"experiment": "held-out logs", "seed": "", "commit": (find_commit() or "")[:7], "unit": "deg"}

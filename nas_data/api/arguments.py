@@ -11,7 +11,7 @@ from nas_data.errors import OptionError
 from nas_data.gap.model_correction import ModelCorrection
 from nas_data.gap.report import GapReport
 from nas_data.gap.write_model import EFFECTS
-from nas_data.robots.base import TORQUES
+from nas_data.robots.base import TORQUES, URDF
 
 Progress = Callable[[str], None]
 Count = Callable[[int, int], None]
@@ -54,6 +54,13 @@ def find_folder(dataset: Dataset) -> Path | None:
 def as_model(model: str | Path, actuators: Actuators = "position") -> str:
     """Return a model as an argument of `find_robot`, with actuators for a URDF, which defines none."""
     return str(model) + (TORQUES if actuators == "torque" else "")
+
+
+def as_models(models: Sequence[str | Path], actuators: Actuators) -> list[str]:
+    """Return models to be compared, as `as_model` does; actuators concern the URDFs among them, if there is one."""
+    urdfs = [Path(model).suffix == URDF for model in models]
+    concerned = [urdf or not any(urdfs) for urdf in urdfs]
+    return [as_model(model, actuators if its else "position") for model, its in zip(models, concerned, strict=True)]
 
 
 def as_optional_model(model: str | Path | None, actuators: Actuators) -> str | None:

@@ -6,7 +6,16 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from nas_data.api.arguments import Actuators, Count, Progress, as_dataset, as_optional_model, count_aloud, find_folder
+from nas_data.api.arguments import (
+    Actuators,
+    Count,
+    Progress,
+    as_dataset,
+    as_models,
+    as_optional_model,
+    count_aloud,
+    find_folder,
+)
 from nas_data.api.learned_model import LearnedModel
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import kept_folders
@@ -15,7 +24,7 @@ from nas_data.log import warn
 from nas_data.models import checkpoint
 from nas_data.models.evaluation import PLAIN, Evaluation
 from nas_data.models.evaluation import evaluate as evaluate_predictors
-from nas_data.pairing import warn_of_ranges
+from nas_data.pairing import warn_of_overlaps, warn_of_ranges
 from nas_data.robots.base import find_robot, list_robot_names
 from nas_data.runs.progress import silence
 from nas_data.simulators.base import Simulator
@@ -64,8 +73,8 @@ def evaluate(
     """
     say = progress or silence
     alone = is_model(learned)
-    corrected = as_optional_model(str(learned), actuators) if alone else None
-    given = corrected if model is None and alone else as_optional_model(model, actuators)
+    compared = as_models([str(learned), str(learned) if model is None else model], actuators) if alone else None
+    corrected, given = compared or (None, as_optional_model(model, actuators))
     model_to_test = None if alone else as_learned(learned)
     recorded = as_dataset(dataset, episodes)
     with checkpoint_folder(model_to_test) as own, kept_folders(recorded) as folders:
@@ -75,6 +84,7 @@ def evaluate(
         simulator = source.simulator(recorded) if source else None
         if simulator is not None and given is not None:
             warn_of_ranges(recorded, find_robot(given))
+            warn_of_overlaps(recorded, simulator)
         others, notes = ({}, ()) if not plain_fit or source is None else fit_plain(model_to_test, recorded, source, say)
         if corrected is not None and corrected != given:
             others = {**others, MODEL: locate_source(corrected, (), (), engine).simulator(recorded)}

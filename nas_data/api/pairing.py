@@ -13,7 +13,7 @@ from nas_data.effects.base import Effect, parse
 from nas_data.errors import NasError
 from nas_data.gap.report import GapReport
 from nas_data.log import warn
-from nas_data.pairing import describe_missing_objects, warn_of_ranges
+from nas_data.pairing import describe_missing_objects, warn_of_overlaps, warn_of_ranges
 from nas_data.pairing import pair as pair_with
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.engines import load_simulator
@@ -99,7 +99,7 @@ def make_pairs(recorded: Dataset, by: PairingSource) -> Pairing:
     paired = pair_with(recorded, simulator)
     seconds = time.perf_counter() - began
     missing = describe_missing_objects(recorded, simulator)
-    warnings = [*warn_of_ranges(recorded, robot), *missing]
+    warnings = [*warn_of_ranges(recorded, robot), *warn_of_overlaps(recorded, simulator), *missing]
     warn(missing)
     files, remark = keep_source(robot, added, paired, by.engine, model)
     origin, source = recorded.origin, simulator.describe()

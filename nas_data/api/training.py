@@ -28,7 +28,7 @@ from nas_data.models.presets import TrainingOptions
 from nas_data.models.presets import preset as find_preset
 from nas_data.models.run import CHECKPOINT, HISTORY, TrainingRun
 from nas_data.models.training import ModelTraining
-from nas_data.pairing import check_source, warn_of_ranges
+from nas_data.pairing import check_source, warn_of_overlaps, warn_of_ranges
 from nas_data.robots.base import find_robot
 from nas_data.runs.progress import silence
 from nas_data.simulators.base import Simulator
@@ -225,4 +225,5 @@ def find_training_source(
         return simulator, read_kept_files(kept_in[0])
     robot = find_robot(model)
     warn_of_ranges(dataset, robot)
+    warn_of_overlaps(dataset, simulator)
     return simulator, collect_source_files(robot)

@@ -28,6 +28,7 @@ class ShowsEpisode(TakesModel):
 
     def motion(self) -> "tuple[Path, Motion]":
         """Return the dataset's folder, and the motion of the arms in the episode."""
+        from nas_data.api.arguments import as_models
         from nas_data.dataset import versions
         from nas_data.dataset.dataset import Dataset
         from nas_data.errors import OptionError
@@ -39,4 +40,4 @@ class ShowsEpisode(TakesModel):
         root = versions.resolve(self.dataset)
         dataset = Dataset.load(root, (self.episode,))
         with report_elapsed("simulating"):
-            return root, follow(dataset, self.episode, [self.actuated(model) for model in self.model], self.engine)
+            return root, follow(dataset, self.episode, as_models(self.model, self.actuators), self.engine)

@@ -8,6 +8,7 @@ import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
+from nas_data.count_of import count_of
 from nas_data.runs.progress import report_heartbeat, say
 
 if TYPE_CHECKING:
@@ -58,8 +59,8 @@ class GapAdd(TakesModel):
             if errors is not None and (unit := find_display_unit(errors.unit))
         )
         text = (
-            f"Open-loop position error on {len(problem.held.evidence)} held-out episodes: {shown}, computed with the "
-            f"written file.\n{outcome.model}"
+            f"Open-loop position error on {count_of(len(problem.held.evidence), 'held-out episode')}: {shown}, "
+            f"computed with the written file.\n{outcome.model}"
         )
         data: dict[str, object] = {"model": outcome.model, "before": found.before, "after": found.after}
         if self.export is not None:

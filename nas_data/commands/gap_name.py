@@ -39,6 +39,6 @@ class GapName(TakesModel):
         nominal = problem.train.nominal
         self.out.mkdir(parents=True, exist_ok=True)
         path = write_effects(self.out, naming.final.effects, naming.final.factors, slides=nominal.slides)
-        effects = [describe_finding(finding, nominal) for finding in naming.findings]
+        effects = [describe_finding(finding, nominal, finding.effect.in_model) for finding in naming.findings]
         lines = [describe_effect(effect) for effect in effects] or ["No effect is named."]
         return CommandResult("\n".join([*lines, str(path)]), {"effects": to_json(effects), "file": path})

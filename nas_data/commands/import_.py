@@ -20,7 +20,7 @@ SHOWN = 3  # most printed findings of one kind
 
 @dataclass(frozen=True, kw_only=True)
 class ImportLogs(Command):
-    """Turn recorded logs (CSV, Parquet, NPZ, JSON) or LeRobot datasets of any robot into one dataset.
+    """Turn recorded logs (tables, arrays, bags) or LeRobot datasets of any robot into one dataset.
 
     Example: nas import recordings/*.npz --map so101_npz --name so101
 
@@ -28,16 +28,17 @@ class ImportLogs(Command):
 
     The map defines column, unit and sign of each quantity in a log. Included maps: so101_npz, so101_csv, xl330_json;
     so101_lerobot, so100_lerobot and koch_lerobot for lerobot-record (degrees, or −100 … 100 with the calibration);
-    example_csv and example_lerobot, which explain every key, as templates. Recordings are audited first: errors abort
-    the import, warnings are stored. A LeRobot dataset in radians needs no map; missing velocities and next states are
-    derived. Cameras and task texts are kept.
+    example_csv, example_ros2 and example_lerobot, which explain every key, as templates. Recordings are audited first:
+    errors abort the import, warnings are stored. A LeRobot dataset needs no map if names, signs and zeros of its joints
+    are those of the model: --unit gives the unit. Missing velocities and next states are derived. Cameras and task
+    texts are kept.
     """
 
     logs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG…")]
     """Logs, folders of logs, or LeRobot datasets."""
     map: str | None = None
-    """Mapping file (TOML), or the name of an included one such as so101_npz or so101_lerobot. None for a LeRobot
-    dataset in radians."""
+    """Mapping file (TOML), or the name of an included one such as so101_npz or so101_lerobot. Logs need one; a LeRobot
+    dataset may do without."""
     unit: str | None = None
     """Unit of a LeRobot dataset: deg, range (−100 … 100, with --calibration) or rad. With a map it is inferred from the
     readings by default; without a map, every joint has this unit."""

@@ -44,7 +44,8 @@ def describe_recording(summary: "DatasetSummary") -> Iterator[str]:
     yield f"  joints        {', '.join(summary.joints) or 'unknown'}"
     yield f"  commands      {summary.commands or 'unknown'}"
     yield f"  rate          {summary.rate:g} Hz"
-    yield f"  episodes      {len(summary.lengths)} of {min(summary.lengths)} to {max(summary.lengths)} frames"
+    spread = " to ".join(str(length) for length in sorted({min(summary.lengths), max(summary.lengths)}))
+    yield f"  episodes      {len(summary.lengths)} of {spread} frames"
     yield f"  frames        {frames}, {frames / summary.rate:.1f} s"
     yield f"  tasks         {', '.join(tasks)}"
     yield f"  paired        {describe_pairing(summary)}"

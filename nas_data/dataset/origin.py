@@ -48,6 +48,7 @@ CommandKind = Literal["position", "velocity", "torque"]
 Episodes = Array | Sequence[Array]
 KINDS: Mapping[str, str] = {"position": POSITION, "velocity": VELOCITY, "torque": EFFORT}
 REMEDIES = {
+    "command_sign": "reverse the sign of one of them, or give the kind of command: kind='torque' or 'velocity'",
     "unit_slip": "give radians and metres, numpy.radians(positions), or pass turns=True if a joint does turn that far",
 }
 TO_SI = "convert the columns first, numpy.radians(states), and set the units of the features to match"
@@ -306,7 +307,11 @@ def refuse(dataset: Dataset, turns: bool) -> None:
     if error is not None:
         remedy = REMEDIES.get(error.check, "correct the arrays")
         raise DatasetInvalid(f"The arrays: in {error.file} {error.what}; {remedy}.")
-    warn(format_warnings(findings))
+    told = [
+        replace(found, what=f"{found.what}; {REMEDIES[found.check]}") if found.check in REMEDIES else found
+        for found in findings
+    ]
+    warn(format_warnings(told))
 
 
 def as_frame(dataset: Dataset) -> "pandas.DataFrame":

@@ -72,7 +72,7 @@ def check_paired(root: Path, dataset: Dataset, who: str, otherwise: str = "") ->
     if dataset.paired:
         return
     below = find_paired_version(root)
-    remedy = f"give its paired version, {below}" if below else f"run `nas pair {root}` first"
+    remedy = f"give its paired version, {below}" if below else f"run `nas pair {root} --model MODEL.xml` first"
     lacking = f"{who} learns from the source's predictions, which {root} lacks"
     raise DatasetInvalid(f"{lacking}: {remedy}{otherwise}.")
 

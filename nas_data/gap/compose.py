@@ -76,7 +76,9 @@ def compose(
         dataset=dataset,
         model=model,
         verdict=decide_verdict(before, after, len(naming.findings)),
-        effects=tuple(describe_finding(finding, held.nominal, outcome.expresses_all) for finding in naming.findings),
+        effects=tuple(
+            describe_finding(finding, held.nominal, outcome.contains(finding.effect)) for finding in naming.findings
+        ),
         retuned=tuple(from_json(Retuned, entry) for entry in list_retuned(naming.final)),
         joints=describe_joints(held, naming, after),
         unexplained=find_unexplained(held, outcome.after, after),
@@ -95,13 +97,13 @@ def compose(
     )
 
 
-def describe_finding(finding: Finding, nominal: Nominal, expresses_all: bool = False) -> NamedEffect:
+def describe_finding(finding: Finding, nominal: Nominal, in_file: bool) -> NamedEffect:
     """Return a finding as the report lists it.
 
     Args:
         finding: Named effect.
         nominal: Model, whose joints decide the units.
-        expresses_all: Whether the model file expresses every effect.
+        in_file: Whether the model file contains the effect.
     """
     effect, slides = finding.effect, nominal.slides
     unit = find_joint_unit(effect.joint, slides) if effect.joint else group_by_kind(nominal.joints, slides)[0][0]
@@ -114,7 +116,7 @@ def describe_finding(finding: Finding, nominal: Nominal, expresses_all: bool = F
         evidence=HeldoutErrors(heldout_error_before=finding.before, heldout_error_after=finding.after, unit=unit.si),
         alternatives=tuple(describe_alternative(rival, error) for rival, error in finding.alternatives),
         equals=tuple(EffectName(name=rival.name(), joint=rival.joint) for rival in finding.equals),
-        in_model_xml=expresses_all or effect.in_model,
+        in_model_xml=in_file,
     )
 
 
@@ -214,13 +216,17 @@ def describe_placebo(held: FitTask, naming: Naming) -> Placebo | None:
     error = float(np.sqrt(naming.placebo.heldout[:, select_first_kind(held)].mean()))
     rival = naming.placebo.effects[-1]
     replaced = naming.findings[naming.rivals.index(naming.placebo)].effect
-    where = f" in {rival.joint}" if rival.joint else ""
     effects = (effect.to_json(held.nominal.slides) for effect in naming.placebo.effects)
     return Placebo(
         effects=tuple(from_json(FittedEffect, entry) for entry in effects),
         after=error,
-        text=f"{rival.name()}{where} instead of {replaced.name()}",
+        text=f"{name_with_place(rival)} instead of {name_with_place(replaced)}",
     )
+
+
+def name_with_place(effect: Effect) -> str:
+    """Return an effect's name with its joint, or with the whole arm: rivals may differ in the place alone."""
+    return f"{effect.name()} in {effect.joint or 'the whole arm'}"
 
 
 def write_series(folder: Path, problem: Problem, naming: Naming, outcome: HeldOutResult) -> None:

@@ -12,6 +12,7 @@ from nas_data.gap.floor import compute_floor_ratios
 from nas_data.gap.name import EXPLAINED_FLOORS, Naming
 from nas_data.gap.problem import Problem
 from nas_data.gap.score_model import HeldOutResult, predict_held, score_model
+from nas_data.gap.search.constants import ERROR_SHARE
 from nas_data.gap.search.final import FinalFit, fit_final
 from nas_data.gap.search.hypothesis import Description
 from nas_data.gap.write_model import write_effects
@@ -31,7 +32,7 @@ def deliver(problem: Problem, naming: Naming, folder: Path, say: Report) -> Deli
     if found.accepts(found.outcome.written):
         return naming, found.outcome
     say("the written names predict held-out episodes worse than the plain fit or the model as given")
-    for attempt in (fit_with_fine_steps, keep_written_names, add_plain_fit):
+    for attempt in (fit_with_fine_steps, keep_written_names, add_plain_fit, write_plain_fit):
         if delivered := attempt(found):
             return delivered
     return leave_names_out(found)
@@ -128,6 +129,23 @@ def add_plain_fit(found: Delivery) -> Delivered | None:
     if not found.accepts(predict_held(found.problem, together)):
         return None
     return found.naming.with_fit(together), replace(found.score(together), delivered="names and plain")
+
+
+def write_plain_fit(found: Delivery) -> Delivered | None:
+    """Write the plain fit, and keep the names, if they predict nearly as well.
+
+    Where an error is not at the noise floor, for example because it grows from the start of an episode, a small
+    difference between two models is no evidence against the simpler one.
+    """
+    naming, outcome = found.naming, found.outcome
+    plain = found.rms(outcome.plain)
+    near = found.rms(outcome.after) <= (1 + ERROR_SHARE) * plain
+    if not naming.findings or not near or plain > found.rms(outcome.before):
+        return None
+    written = found.score(naming.plain)
+    slides = found.problem.held.nominal.slides
+    write_effects(found.folder, naming.final.effects, naming.final.factors, in_file=False, slides=slides)
+    return naming, replace(written, after=outcome.after, delivered="plain")
 
 
 def leave_names_out(found: Delivery) -> Delivered:

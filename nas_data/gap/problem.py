@@ -7,7 +7,7 @@ from nas_data.count_of import count_of
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.external import audit_external
 from nas_data.dataset.read import read
-from nas_data.dataset.versions import resolve
+from nas_data.dataset.versions import VERSION, resolve
 from nas_data.errors import DatasetInvalid
 from nas_data.gap.episode_batch import EpisodeBatch, cut_windows, split_episodes
 from nas_data.gap.finding.torque_off import keep_torque_on_and_fall
@@ -18,6 +18,7 @@ from nas_data.gap.overlaps import Overlap, exclude_contacts, find_overlaps
 from nas_data.gap.search.objective import FitTask
 from nas_data.log import warn
 from nas_data.pairing import check_fits, warn_of_ranges
+from nas_data.robots.base import TORQUES
 
 TRAIN_STEPS = 120_000  # most physics steps of one rollout of all training episodes, about 0.5 s
 HELD_STEPS = 60_000  # the same for the held-out episodes
@@ -100,7 +101,8 @@ class Problem:
             cut_windows(part, steps // simulator.substeps) for part, steps in ((train, TRAIN_STEPS), (held, HELD_STEPS))
         )
         folder = root or Path("dataset")
-        names = (folder.parent.name if folder.name.startswith("v") else folder.name, Path(model).name)
+        shown = Path(str(model).removesuffix(TORQUES)).name
+        names = (folder.parent.name if VERSION.fullmatch(folder.name) else folder.name, shown)
         fitted, judged = (FitTask(nominal, part, floor).infer_initial_loads((), {}) for part in (train, held))
         return cls(transitions, evidence, fitted, judged, as_given, tuple(overlaps.values()), names, model, root)
 

@@ -50,6 +50,10 @@ class HeldOutResult:
     delivered: str = "names"
     learned: Mapping[str, float] | None = None
 
+    def contains(self, effect: Effect) -> bool:
+        """Whether the written file contains an effect."""
+        return self.delivered != "plain" and (self.expresses_all or effect.in_model)
+
 
 def score_model(problem: Problem, final: FinalFit, null: FinalFit, plain: FinalFit, folder: Path) -> HeldOutResult:
     """Write the model and compute held-out predictions from the file.

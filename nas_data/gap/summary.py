@@ -96,7 +96,10 @@ def describe_effect(effect: NamedEffect) -> str:
         line += f" (these data cannot distinguish it from {', '.join(equals)})"
     elif effect.alternatives:
         second = effect.alternatives[0]
-        line += f" (runner-up {second.name}: {unit.text(second.heldout_error_after)})"
+        rival = second.name
+        if second.joint != effect.joint:  # the same name at another place is another explanation
+            rival += f" {second.joint}" if second.joint else " of the whole arm"
+        line += f" (runner-up {rival}: {unit.text(second.heldout_error_after)})"
     return line
 
 

@@ -144,4 +144,5 @@ def propose_experiment(problem: Problem, naming: Naming, folder: Path, say: Repo
         return Proposal(f"none could be computed: {error}")
     write_experiment(experiment, folder / EXPERIMENT)
     compared = tuple(row.describe() for row in experiment.table)
-    return Proposal(f"{experiment.text} (commands in {EXPERIMENT})", compared)
+    commands = f" (commands in {EXPERIMENT})" if experiment.decides else f"; {EXPERIMENT} is the best of those tried"
+    return Proposal(experiment.text + commands, compared)

@@ -60,6 +60,9 @@ def write_difference(folder: Path, nominal: Nominal, given: str) -> Path:
         given: Name of the given model.
     """
     spec = nominal.make_spec({})
+    given_options = nominal.robot.spec().option  # `nominal` has a timestep that divides a control period
+    for name in ("timestep", "integrator", "disableflags"):
+        setattr(spec.option, name, getattr(given_options, name))
     for joint in nominal.joints:
         add_position_sensor(spec, joint)
     with tempfile.TemporaryDirectory() as place:
@@ -82,6 +85,7 @@ def write_effects(
     factors: Mapping[str, float],
     expresses_all: bool = False,
     slides: Collection[str] = (),
+    in_file: bool = True,
 ) -> Path:
     """Write named effects and retuned base parameters for `nas record sim --effects` and `nas pair`.
 
@@ -91,8 +95,11 @@ def write_effects(
         factors: Factors of base parameters.
         expresses_all: Whether the model file also expresses effects with hooks.
         slides: Slides of the model, which have other units.
+        in_file: Whether the model file contains the effects that it can express.
     """
-    entries = [{**effect.to_json(slides), "in_model_xml": expresses_all or effect.in_model} for effect in effects]
+    entries = [
+        {**effect.to_json(slides), "in_model_xml": in_file and (expresses_all or effect.in_model)} for effect in effects
+    ]
     content = {"schema": 1, "effects": entries, "retuned": dict(factors)}
     path = folder / EFFECTS
     path.write_text(json.dumps(content, indent=1), encoding="utf-8")

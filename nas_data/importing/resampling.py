@@ -17,19 +17,22 @@ def resample(recording: Recording, how: Resample) -> Recording:
 
     Returns:
         Rows at multiples of 1/rate up to the last recorded time. Positions and velocities are interpolated linearly
-        or held, by the method. Commands and signals are held, as a robot holds its last command and a register its
-        last value. `rows` is the recorded row at or before each new one.
+        or held, by the method. A new row has the command that was held in the middle of its step, and the signals of
+        that recorded row, which `rows` tells.
     """
     last_of_time = np.concatenate([np.diff(recording.time) > 0, [True]])
     once = recording.take(last_of_time)
     # The margin keeps the last step if the duration is a whole number of periods up to rounding.
     count = int(np.floor(once.time[-1] * how.rate + 1e-6)) + 1
     grid = np.arange(count) / how.rate
-    held = np.clip(np.searchsorted(once.time, grid + 1e-9, side="right") - 1, 0, None)
+    last = _find_last_row(once.time, grid + 1e-9)
+    # A command acts from its row to the next. At the start of a step, a clock that jitters by microseconds decides
+    # between two commands. The command of the middle is right there, and neither early nor late on average elsewhere.
+    acting = _find_last_row(once.time, grid + 0.5 / how.rate - 1e-9)
 
     def between(values: np.ndarray) -> np.ndarray:
         if how.method == "previous":
-            return values[held]
+            return values[last]
         return np.column_stack([np.interp(grid, once.time, column) for column in values.T])
 
     return replace(
@@ -37,7 +40,12 @@ def resample(recording: Recording, how: Resample) -> Recording:
         time=grid,
         positions=between(once.positions),
         velocities=None if once.velocities is None else between(once.velocities),
-        commands=once.commands[held],
-        signals={key: values[held] for key, values in once.signals.items()},
-        rows=once.rows[held],
+        commands=once.commands[acting],
+        signals={key: values[acting] for key, values in once.signals.items()},
+        rows=once.rows[acting],
     )
+
+
+def _find_last_row(time: np.ndarray, moments: np.ndarray) -> np.ndarray:
+    """Find the last row at or before each moment [s]; the first row where there is none before."""
+    return np.clip(np.searchsorted(time, moments, side="right") - 1, 0, None)

@@ -1,4 +1,4 @@
-"""Lookup of the joint that an actuator drives, directly or by a fixed tendon that an effect added."""
+"""Lookup of the joint that an actuator drives, directly or by a fixed tendon that was added for it."""
 
 import mujoco
 import numpy as np
@@ -13,7 +13,8 @@ GAIN, BAND, DAMPING = "_deadband_gain", "_deadband", "_deadband_damping"
 PARTS = (GAIN, BAND, DAMPING)
 PRESSED = "_pressed_drive"  # fixed tendon `<joint>_pressed_drive`: the joint and a pad that its servo presses
 PAD = "_pressed_pad"  # joint of that pad, in the parent body
-TRANSMISSIONS = (DRIVE, PRESSED)  # suffixes of fixed tendons that replace a joint as a servo's transmission
+SHARED = "_shared_drive"  # fixed tendon `<joint>_shared_drive`: the joint and its followers, in the joint's unit
+TRANSMISSIONS = (DRIVE, PRESSED, SHARED)  # suffixes of fixed tendons that replace a joint as a servo's transmission
 REST_SHIFT = "_rest_shift"  # numeric `<joint>_rest_shift`: part of the servo's constant force that an effect added
 ON_JOINT = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)  # equivalent for hinges and slides
 THROUGH = {  # transmissions that reach joints otherwise, as words

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import mujoco
 
-TURN = 2 * math.pi  # [rad or °] arm joints have a range of more than 2π degrees and less than two turns
+# [rad or °] arm joints have a range of more than 2π degrees and at most two turns; files round 2π to 6.28319 or 6.3
+TURN = 1.01 * 2 * math.pi
 STATED = re.compile(rb"<compiler[^>]*\bangle\s*=")
 
 

@@ -1,5 +1,6 @@
 """Capture of MuJoCo's warnings, which MuJoCo would otherwise print and write to MUJOCO_LOG.TXT."""
 
+import functools
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -74,6 +75,12 @@ def collect_instability() -> Iterator[list[str]]:
 
 
 def log_warnings(warnings: Iterable[str]) -> None:
-    """Log each different warning once, except those of unstable simulations."""
+    """Log each different warning, except those of unstable simulations."""
     for warning in sorted({warning for warning in warnings if UNSTABLE not in warning}):
-        logger.warning(f"MuJoCo: {warning}")
+        _log_once(warning)
+
+
+@functools.cache
+def _log_once(warning: str) -> None:
+    """Log a warning of the engine, once however often a command reads the model that it is about."""
+    logger.warning(f"MuJoCo: {warning}")

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 
 from nas_data.mjcf.actuator_lookup import find_driven_joint
+from nas_data.mjcf.base_contacts import exclude_base_contacts
 
 FREE_DOFS = 6  # degrees of freedom of a free joint
 LEVER = 1e-9  # smallest singular value of a constrained direction
@@ -31,9 +32,13 @@ def is_fixed(model: mujoco.MjModel, body: int) -> bool:
 
 
 def fix_bases(spec: mujoco.MjSpec) -> None:
-    """Fix floating bases to the world: remove their free joints, also from the keyframes."""
+    """Fix floating bases to the world: remove their free joints, also from the keyframes.
+
+    The links that joints connect to a base do not collide with it, fixed or not.
+    """
     for base in find_floating_bases(spec):
         model = spec.copy().compile()
+        exclude_base_contacts(spec, int(model.body(base).id))
         joint = next(j for j in spec.body(base).joints if j.type == mujoco.mjtJoint.mjJNT_FREE)
         compiled = model.joint(int(model.body_jntadr[model.body(base).id]))
         positions, speeds = int(compiled.qposadr[0]), int(compiled.dofadr[0])

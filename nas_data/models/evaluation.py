@@ -23,6 +23,12 @@ from nas_data.text_table import align_columns
 
 MODEL = {"delta": "source + φ", "forward": "ψ"}
 PLAIN = "plain fit"
+LEGEND = {
+    "model": "the model that is evaluated",
+    "source": "the model as given, or as kept with the checkpoint or dataset",
+    "hold": "predicts that nothing moves",
+    "command": "predicts that every joint is where it is told to be",
+}
 NO_SIMULATORS: Mapping[str, Simulator] = {}
 EPISODES_SHOWN = 50
 DIVERGED_SHOWN = 5  # most diverged episodes listed in the text; the JSON lists all
@@ -63,7 +69,8 @@ class Evaluation:
         divergences = [
             describe_divergence(name, times, len(self.rollouts[name])) for name, times in self.diverged.items()
         ]
-        return "\n".join([f"{steps}\n\n{loop}", *divergences, *self.notes])
+        legend = [f"  {name}: {means}" for name, means in LEGEND.items() if name in self.open_loop]
+        return "\n".join([f"{steps}\n\n{loop}", *legend, *divergences, *self.notes])
 
     def episodes_text(self) -> str:
         """Return a table of the open-loop errors by episode and predictor, for the first kind of joints."""

@@ -62,7 +62,10 @@ class ModelTraining:
                 torques or a symmetry.
         """
         if kind == "delta" and not dataset.paired:
-            raise DatasetInvalid("A delta model needs the source's predictions: run `nas pair` on the dataset first.")
+            raise DatasetInvalid(
+                "A delta model needs the source's predictions: pair the dataset with a model first, by `nas pair` or "
+                "`nas_data.pair`."
+            )
         if simulator is not None and simulator.joints != dataset.joints:
             raise JointMismatch("The simulator and the dataset have different joints.")
         if options.corrects == "command":

@@ -16,7 +16,7 @@ from nas_data.excitations.base import Excitation
 from nas_data.recorders.readings import Readings
 from nas_data.robots.base import Robot
 from nas_data.simulators.base import Simulator
-from nas_data.simulators.limits import command_limits, command_radians, find_excitable_limits
+from nas_data.simulators.limits import command_limits, command_radians, find_excitable_limits, position_limits
 
 SETTLE = 0.5  # [s] for which the first pose is held before the recording starts
 RESET_SHARE = 0.2  # part of each joint's range in which the paper's resets draw a pose
@@ -41,6 +41,14 @@ class Target:
     def limits(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the lowest and highest command of each joint [rad or N·m], shape (n,); infinite where unlimited."""
         return command_limits(self.robot.spec().compile(), self.simulator.joints, str(self.robot.mjcf))
+
+    def rest_pose(self) -> np.ndarray:
+        """Return the robot's rest pose, else the pose closest to zero within the ranges [rad; m], shape (n,)."""
+        joints = self.simulator.joints
+        if self.robot.rest:
+            return np.array(self.robot.rest)
+        low, high = position_limits(self.robot.spec().compile(), joints, str(self.robot.mjcf))
+        return np.clip(np.zeros(len(joints)), low, high)
 
     def describe(self, blind: bool) -> dict[str, object]:
         """Return the target for provenance; `blind` omits its effects."""
@@ -176,8 +184,7 @@ def draw_commands(target: Target, protocol: PlaybackProtocol, rng: np.random.Gen
     low, high = find_excitable_limits(low, high, simulator.joints, simulator.kinds, simulator.slides)
     radians = command_radians(simulator, low, high)
     still = find_resting_joints(target, protocol)
-    pose = np.array(target.robot.rest or np.zeros(len(simulator.joints)))
-    rest = np.where([kind == POSITION for kind in simulator.kinds], pose, 0.0)
+    rest = np.where([kind == POSITION for kind in simulator.kinds], target.rest_pose(), 0.0)
     low, high = np.where(still, rest, low), np.where(still, rest, high)
     return list(protocol.excitation.commands(rng, protocol.episodes, steps, simulator.period, low, high, radians))
 
@@ -210,7 +217,7 @@ def draw_poses(target: Target, protocol: PlaybackProtocol, episodes: int, rng: n
     """Return the first pose of each episode [rad], shape (E, n)."""
     joints = target.simulator.joints
     if protocol.start == "rest":
-        return np.tile(target.robot.rest or np.zeros(len(joints)), (episodes, 1))
+        return np.tile(target.rest_pose(), (episodes, 1))
     low, high = target.limits()
     # Limits of torques and velocities are not positions: such joints start near zero.
     positional = np.array([kind == POSITION for kind in target.simulator.kinds])
@@ -223,7 +230,8 @@ def draw_poses(target: Target, protocol: PlaybackProtocol, episodes: int, rng: n
     low, high = find_excitable_limits(low, high, joints, [POSITION] * len(joints))
     middle, span = (low + high) / 2, (high - low) / 2
     drawn = middle + RESET_SHARE * span * rng.uniform(-1, 1, (episodes, len(joints)))
-    return np.where(find_resting_joints(target, protocol), np.array(target.robot.rest or np.zeros(len(joints))), drawn)
+    drawn = np.clip(drawn, *position_limits(model, joints, str(target.robot.mjcf)))
+    return np.where(find_resting_joints(target, protocol), target.rest_pose(), drawn)
 
 
 def draw_actions(

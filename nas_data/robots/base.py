@@ -14,10 +14,12 @@ from nas_data import registry
 from nas_data.errors import ModelFileError, UnknownName
 from nas_data.log import warn_once
 from nas_data.mjcf.actuator_lookup import find_driven_joint, list_indirect_actuators
+from nas_data.mjcf.base_contacts import exclude_base_contacts, find_base_contacts
 from nas_data.mjcf.check_angle_units import check_angle_units
 from nas_data.mjcf.default_servos import add_position_servos, add_torque_motors, find_motor_joints
 from nas_data.mjcf.engine_warnings import collect_warnings, log_warnings
 from nas_data.mjcf.floating_base import find_floating_bases, fix_bases
+from nas_data.mjcf.shared_drives import add_shared_drives, find_shared_drives
 from nas_data.visible_files import list_visible_files
 
 FOLDER = Path(__file__).parent
@@ -27,6 +29,9 @@ KNOWN = (".xml", URDF)  # file suffixes that MuJoCo reads
 TORQUES = ":torque"  # suffix of a URDF's path for torque motors instead of position servos
 PREFIX = "nas_"  # prefix of the constants of this package in <custom>
 WEIGHTLESS = re.compile(r"mass and inertia of moving bodies must be larger.*?Element name '([^']*)'")
+UNREADABLE = re.compile(r"no decoder found for mesh file '([^']+)'")
+UNBALANCED = re.compile(r"inertia must satisfy A \+ B >= C.*?Element name '([^']*)'")
+INDEFINITE = re.compile(r"inertia must have positive eigenvalues.*?Element name '([^']*)'")
 NOT_A_NUMBER = "'NaN'"  # part of MuJoCo's warning about NaN, which it reads as a missing number
 
 Edit: TypeAlias = Callable[[mujoco.MjSpec], None]
@@ -149,6 +154,23 @@ def _explain_error(path: Path, reason: str) -> str:
             f"{path} has a moving link without mass, '{light[1]}'; give it mass and inertia (<inertial>), "
             "small ones if it stands for no part."
         )
+    if (mesh := UNREADABLE.search(reason)) is not None:
+        return (
+            f"{path} has a mesh that MuJoCo cannot read, '{mesh[1]}': convert it to .stl or .obj, or take the elements "
+            "that name it out of the model."
+        )
+    if (link := UNBALANCED.search(reason)) is not None:
+        balance = '<compiler balanceinertia="true"/>'
+        where = f"<mujoco>{balance}</mujoco> inside <robot>" if path.suffix == URDF else balance
+        return (
+            f"{path} has a link with an inertia that no body has, '{link[1]}': of its principal moments one is larger "
+            f"than the sum of the others; correct it, or write {where}, which makes them equal."
+        )
+    if (link := INDEFINITE.search(reason)) is not None:
+        return (
+            f"{path} has a link with an inertia that no body has, '{link[1]}': a principal moment is not above 0; "
+            "correct it, or take the link's <inertial> out where its shapes are given."
+        )
     return f"{path} cannot be used as a robot model: {reason}; give an MJCF or URDF file."
 
 
@@ -259,6 +281,11 @@ def find_robot(name_or_path: str | Path) -> Robot:
         edit: Edit | None = add_actuators if path.suffix == URDF and find_motor_joints(spec) else None
         if edit:
             edit(spec)
+        if path.suffix == URDF and find_base_contacts(spec.compile()):
+            edit = ConsecutiveEdits(edit, exclude_base_contacts)
+        if find_shared_drives(spec):
+            add_shared_drives(spec)
+            edit = ConsecutiveEdits(edit, add_shared_drives)
         joints, indirect = list_actuated_joints(spec), ", ".join(list_indirect_actuators(spec))
         if not joints:
             remedy = (

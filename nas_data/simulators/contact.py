@@ -3,7 +3,11 @@
 import mujoco
 import numpy as np
 
+from nas_data.mjcf.free_bodies import find_free_bodies
 from nas_data.simulators.mujoco import MujocoSimulator
+
+MIN_OVERLAP = 0.002  # [m] bodies that touch each other, or rest on each other, overlap less
+LASTING_SHARE = 0.9  # least share of poses with an overlap
 
 ContactDistances = dict[tuple[str, str], float]
 """Distance [m] of each pair of bodies in contact; negative if they overlap."""
@@ -33,6 +37,37 @@ def find_contacts(simulator: MujocoSimulator, pose: np.ndarray, data: mujoco.MjD
         pair = (_find_body_name(simulator, contact.geom1), _find_body_name(simulator, contact.geom2))
         found[pair] = min(found.get(pair, np.inf), float(contact.dist))
     return found
+
+
+def find_lasting_overlaps(simulator: MujocoSimulator, positions: np.ndarray) -> ContactDistances:
+    """Return the pairs of bodies that overlap in nearly all poses, as shapes that are too wide do.
+
+    Args:
+        simulator: Simulator with the model.
+        positions: Joint positions [rad; m], shape (N, n).
+
+    Returns:
+        Smallest distance in any pose [m]; pairs with an object that moves freely are left out.
+    """
+    model, data, followers = simulator.model, mujoco.MjData(simulator.model), simulator.layout.followers
+    free, found = find_free_bodies(model), dict[tuple[int, int], list[float]]()
+    for pose in positions:
+        data.qpos[simulator.layout.qpos] = pose
+        if followers is not None:
+            followers.place(data.qpos[None], data.qvel[None])
+        _compute_contacts(simulator, data, pose)
+        depths: dict[tuple[int, int], float] = {}
+        for contact in data.contact:
+            one, other = sorted(int(body) for body in model.geom_bodyid[contact.geom])
+            if contact.dist < -MIN_OVERLAP and not free[[one, other]].any():
+                depths[one, other] = min(depths.get((one, other), 0.0), float(contact.dist))
+        for pair, depth in depths.items():
+            found.setdefault(pair, []).append(depth)
+    return {
+        (str(model.body(one).name), str(model.body(other).name)): min(depths)
+        for (one, other), depths in found.items()
+        if len(depths) >= LASTING_SHARE * len(positions)
+    }
 
 
 def _compute_contacts(simulator: MujocoSimulator, data: mujoco.MjData, pose: np.ndarray) -> None:

@@ -43,6 +43,28 @@ def command_limits(model: mujoco.MjModel, joints: Sequence[str], name: str) -> t
     return low, high
 
 
+def position_limits(model: mujoco.MjModel, joints: Sequence[str], name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest and highest position of each joint that its range and its commands allow.
+
+    Args:
+        model: Compiled model.
+        joints: Commanded joints.
+        name: Name of the model in errors.
+
+    Returns:
+        Lower and upper limits [rad; m], shape (n,) each; infinite without a limit.
+
+    Raises:
+        JointMismatch: the model lacks a joint, or no actuator drives it.
+    """
+    low, high = command_limits(model, joints, name)
+    for row, joint in enumerate(joints):
+        index = find_joint_index(model, joint, name)
+        if find_command(model, index, name)[1].kind != POSITION:
+            low[row], high[row] = model.jnt_range[index] if model.jnt_limited[index] else (-np.inf, np.inf)
+    return low, high
+
+
 def command_radians(simulator: Simulator, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return the equivalent of a radian in each joint's command, shape (n,): range / π for a slide's position, else 1.
 

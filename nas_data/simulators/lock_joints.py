@@ -71,15 +71,17 @@ def refuse_ground_contact(model: mujoco.MjModel, layout: Layout, positions: np.n
         ModelFileError: names the body that touches the ground.
     """
     data = mujoco.MjData(model)
-    moved = [
-        any(model.dof_bodyid[dof] in find_ancestors(model, body) for dof in layout.dof) for body in range(model.nbody)
-    ]
+    ancestors = [find_ancestors(model, body) for body in range(model.nbody)]
+    moved = np.array([any(model.dof_bodyid[dof] in above for dof in layout.dof) for above in ancestors])
+    # the robot's own base is fixed to the world, too, but a leg that touches it does not move it
+    carrying = set().union(*(ancestors[body] for body in model.dof_bodyid[layout.dof])) - {0}
+    ground = np.array([model.body_weldid[body] == 0 and not above & carrying for body, above in enumerate(ancestors)])
     for row in positions:
         data.qpos[layout.qpos] = row
         mujoco.mj_fwdPosition(model, data)
         for contact in data.contact:
             bodies = model.geom_bodyid[contact.geom]
-            if contact.dist < 0 and (model.body_weldid[bodies] == 0).any() and any(moved[body] for body in bodies):
+            if contact.dist < 0 and ground[bodies].any() and moved[bodies].any():
                 foot = next(int(body) for body in bodies if moved[body])
                 raise ModelFileError(
                     f"{name} stands on the ground with its '{model.body(foot).name}', so its base can move, and the "

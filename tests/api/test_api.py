@@ -163,6 +163,13 @@ def test_measured_velocities_and_a_clock_are_taken_as_they_are(log):
     np.testing.assert_allclose(made.columns["nas.time"][:, 0], np.arange(70) / 50)
 
 
+def test_torques_that_were_taken_for_positions_are_answered_with_the_kind(log, capsys):
+    positions = log["positions"][0]
+    nas.Dataset.from_arrays(positions, -positions, rate=50, joints=JOINTS)
+    assert "against its command" in (told := capsys.readouterr().err)
+    assert "kind='torque'" in told
+
+
 def test_each_joint_may_be_commanded_in_a_kind_of_its_own():
     rows, kinds = np.linspace(0, 0.02, 90).reshape(30, 3), ["position", "torque", "velocity"]
     made = nas.Dataset.from_arrays(rows, rows, rate=50, joints=("a", "b", "c"), slides=("b",), kind=kinds)

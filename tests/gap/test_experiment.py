@@ -1,5 +1,7 @@
 """What to record next: within limits, playable, and the best of what was tried at telling two explanations apart."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -103,6 +105,7 @@ def test_the_sentence_names_the_experiment_and_both_rivals(experiment):
     assert experiment.text.startswith(f"{best.trial.name} on ")
     assert "separates backlash from coulomb friction" in experiment.text
     assert f"{best.separation:.1f} times the noise" in experiment.text
+    assert experiment.decides
 
 
 def test_a_rival_that_follows_differs_less_than_one_that_does_not(arm, experiment):
@@ -120,6 +123,7 @@ def test_rivals_that_are_the_same_are_said_to_be_inseparable(arm, experiment):
     assert describe_experiment(worst, (PLAY, FRICTION), JOINTS).startswith(
         "no simulated experiment separates backlash from"
     )
+    assert not replace(experiment, table=(worst,)).decides
 
 
 def test_rivals_of_one_name_are_told_apart_by_their_joints(experiment):

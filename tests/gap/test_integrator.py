@@ -13,6 +13,7 @@ from nas_data.cli import main
 from nas_data.effects.base import make_effect
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.summary import summarise
+from nas_data.gap.write_model import write_difference, write_model
 from nas_data.simulators.mujoco import MujocoSimulator
 
 JOINTS = ("shoulder", "elbow")
@@ -64,6 +65,7 @@ def test_it_is_said_in_a_line(integrator: str, tmp_path: Path, capsys):
     capsys.readouterr()
     assert main(["gap", "find", str(data), "--model", str(path)]) == 0
     told = capsys.readouterr().out
+    assert "(hold): predicts that nothing moves; (command): predicts" in told
     assert f"The model's integrator, {integrator}, diverges with stiff effects" in told
     assert main(["gap", "find", str(data), "--model", str(arm(tmp_path, "implicitfast"))]) == 0
     assert "It is simulated as given." in capsys.readouterr().out
@@ -74,3 +76,15 @@ def test_the_summary_repeats_it(tmp_path: Path):
     audit = [{"check": "timing", "finding": "late", "ok": False}, {"check": "model", "finding": note, "ok": False}]
     told = summarise(gap_report(find={"joints": {}, "regimes": [], "audit": audit}), tmp_path)
     assert note in told.splitlines() and "late" not in told
+
+
+@pytest.mark.parametrize("integrator", ["implicitfast", *INTEGRATORS])
+def test_the_difference_starts_from_the_options_as_given(integrator: str, tmp_path: Path):
+    given = nominal(arm(tmp_path, integrator, 0.003), JOINTS)
+    assert given.spec.option.timestep < 0.003, "ours divides a control period"
+    (folder := tmp_path / "report").mkdir()
+    write_model(folder, given, [STIFF[0]], {})
+    lines = write_difference(folder, given, "arm.xml").read_text().splitlines()
+    (before,) = (line for line in lines if line.startswith("-  <option"))
+    assert 'timestep="0.003"' in before
+    assert ('integrator="RK4"' in before) == (integrator == "RK4")

@@ -1,6 +1,7 @@
 """A written model holds friction under load by itself, or the nearest effect that it can, and the report says which."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -10,8 +11,8 @@ import pytest
 from nas_data.cli import main
 from nas_data.effects.base import parse
 from nas_data.gap import score_model as added_file
-from nas_data.gap.deliver import deliver
-from nas_data.gap.name import Naming
+from nas_data.gap.deliver import Delivery, deliver, write_plain_fit
+from nas_data.gap.name import Finding, Naming
 from nas_data.gap.problem import Problem
 from nas_data.gap.score_model import HeldOutResult, score_model
 from nas_data.gap.search.final import FinalFit
@@ -137,3 +138,18 @@ def test_names_hold_where_no_file_can_express_them(given: Problem, tmp_path: Pat
     assert naming is wanted and not found.expresses_all and found.delivered == "names of MJCF and plain"
     assert flags(tmp_path / "report") == {"load_friction": False}
     assert error(given, found.after) < error(given, found.written) <= error(given, found.plain)
+
+
+def test_right_names_are_kept_where_the_plain_fit_predicts_a_little_better(given: Problem, tmp_path: Path):
+    """The plain fit is then what is written, and no name is said to be in the file."""
+    found = named("coulomb_friction:joint=m2,torque=0.029", "coulomb_friction:joint=m2,torque=0.03")
+    effect = found.final.effects[0]
+    finding = Finding(effect, {}, confidence=0.9, before=1.0, after=0.1, alternatives=(), equals=())
+    as_found = score_model(given, found.final, found.null, found.plain, tmp_path)
+    assert error(given, as_found.plain) < error(given, as_found.written) < error(given, as_found.before)
+    names = replace(found, findings=(finding,), rivals=(None,))
+    naming, outcome = write_plain_fit(Delivery(given, names, tmp_path, as_found))
+    assert naming is names and outcome.delivered == "plain" and not outcome.contains(effect)
+    assert error(given, outcome.written) == pytest.approx(error(given, as_found.plain))
+    assert error(given, outcome.after) == error(given, as_found.after)
+    assert flags(tmp_path) == {"coulomb_friction": False}

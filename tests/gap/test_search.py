@@ -12,7 +12,14 @@ from nas_data.effects.base import find_effect, parse
 from nas_data.gap.name import name
 from nas_data.gap.problem import Problem
 from nas_data.gap.search.choose import choose, search_down, search_up
-from nas_data.gap.search.plain_fit import convert_to_effects, fit_plain, fit_smooth, refine_smooth
+from nas_data.gap.search.plain_fit import (
+    choose_start,
+    convert_to_effects,
+    describe_plain_fit,
+    fit_plain,
+    fit_smooth,
+    refine_smooth,
+)
 from nas_data.gap.search.search import Search
 from nas_data.gap.search.share_gain import fit_with_gain, scale_effect, share_gain
 
@@ -83,6 +90,17 @@ def test_a_plain_fit_adds_what_the_model_lacks_to_an_arm_that_begins_in_motion()
     for joint in ("j1", "j2"):
         assert found["coulomb_friction", joint].torque == pytest.approx(0.01, rel=0.05)
         assert found["viscous_friction", joint].coefficient == pytest.approx(0.004, rel=0.05)
+
+
+def test_a_plain_fit_begins_near_a_model_that_is_nearly_right():
+    """Friction of a tenth of a strong servo's torque would be far from this arm's."""
+    search = begun(arm(gain=50.0, damping=1.5, armature=0.05), "coulomb_friction:joint=j2,torque=0.3", episodes=4)
+    parameters = describe_plain_fit(search, ["j1", "j2"]).parameters(search.train.nominal.base)
+    start, usual = choose_start(search, parameters), parameters.initial_theta(search.null.fit.factors)
+    near, far = (search.task.misfit(search.task.predict(parameters, theta)) for theta in (start, usual))
+    null = search.null.fit.misfit
+    assert near - null < 0.2 * (far - null)
+    assert not search.null.fit.loss < fit_smooth(search).fit.loss
 
 
 def test_a_plain_fit_recovers_how_much_of_the_weight_a_controller_carries():

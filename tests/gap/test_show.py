@@ -97,7 +97,7 @@ def test_rows_that_no_episode_reaches_are_not_drawn(tmp_path):
 def test_values_stand_in_friendly_units_beside_si(tmp_path):
     text = text_of(show(written(tmp_path, {"verdict": "partly_explained", **VERDICTS["partly_explained"]})))
     assert "Added: backlash in m2 (half width 0.991° (0.0173 rad))" in text
-    assert "half width 0.991° (0.0173 rad) 0.928° … 1.05° 97 % (sure) –" in text
+    assert "half width 0.991° (0.0173 rad) 0.928 … 1.05° 97 % (sure) –" in text
     assert "delay 31.4 ms (0.0314 s)" in text
     assert "64 % (a guess) – rotor inertia in m1" in text
     assert "MJCF cannot express command delay (whole arm) exactly: effects.json has the exact effect" in text
@@ -112,7 +112,15 @@ def test_every_number_comes_from_the_files(tmp_path):
     gap = {**REPORT["gap"], "before": 0.0345, "after": 0.00234}
     text = text_of(show(written(tmp_path, {"gap": gap})))
     assert f"from {np.degrees(0.0345):.2f}° to {np.degrees(0.00234):.3f}°" in text
-    assert "leaves 0.636° of the 1.98° before" in text
+
+
+@pytest.mark.usefixtures("words_only")
+def test_the_placebo_is_told_with_the_error_that_its_chart_draws(tmp_path):
+    page = show(written(tmp_path))
+    drawn = next(trace["x"][0] for trace in charts(page)["placebo"]["data"] if "placebo" in trace["y"][0])
+    assert f"leaves {format_figures(drawn)}° of the" in text_of(page)
+    without = show(written(tmp_path / "words", drawn=series(np.random.default_rng(0), placebo=False)))
+    assert "leaves 0.636° of the" in text_of(without)
 
 
 def test_what_the_written_file_alone_leaves_is_told_where_it_is_more(page, tmp_path):

@@ -198,12 +198,31 @@ def test_resampling_keeps_lines_straight_and_holds_commands(steps, rate):
     np.testing.assert_allclose(even.time, np.arange(len(even.time)) / rate)
     assert time[-1] - 1 / rate - 1e-5 < even.time[-1] <= time[-1] + 1e-5
     np.testing.assert_allclose(even.positions, np.column_stack([2 * even.time, -even.time]), atol=1e-4)
+    acting = np.searchsorted(time, even.time + 0.5 / rate - 1e-9, side="right") - 1
+    np.testing.assert_array_equal(even.commands[:, 0], acting)
+    np.testing.assert_array_equal(even.signals["on"][:, 0], acting)
+    np.testing.assert_array_equal(even.rows, acting)
     last = np.searchsorted(time, even.time + 1e-9, side="right") - 1
-    np.testing.assert_array_equal(even.commands[:, 0], last)
-    np.testing.assert_array_equal(even.signals["on"][:, 0], last)
-    np.testing.assert_array_equal(even.rows, last)
     held = resample(recording(time), Resample(rate, "previous"))
     np.testing.assert_array_equal(held.positions, recording(time).positions[last])
+
+
+@settings(max_examples=50)
+@given(late=st.lists(st.floats(-0.2, 0.2), min_size=5, max_size=60), rate=st.sampled_from([20.0, 50.0, 188.0]))
+def test_resampling_gives_each_row_its_own_command_though_the_clock_jitters(late, rate):
+    time = (np.arange(len(late)) + late - late[0]) / rate
+    even = resample(recording(time), Resample(rate, "linear"))
+    np.testing.assert_array_equal(even.commands[:, 0], np.arange(len(even.time)))
+
+
+@pytest.mark.parametrize("rate", [40.0, 50.0, 188.0, 1000.0])
+def test_resampling_to_another_rate_makes_commands_neither_early_nor_late(rate):
+    logged = 200.0
+    time = np.arange(400) / logged
+    even = resample(recording(time), Resample(rate, "linear"))
+    acted = even.commands[:, 0] / logged + 0.5 / logged  # the middle of the command's own step
+    late = even.time + 0.5 / rate - acted
+    assert abs(late[:-1].mean()) < 0.51 / logged
 
 
 def test_resampling_to_the_recorded_times_changes_nothing(tmp_path):

@@ -252,6 +252,9 @@ def test_tables_are_in_degrees_and_name_every_joint_and_predictor():
     )
     assert lines[3].split()[:3] == ["source", "+", "φ"]
     assert len({len(line) for line in lines[1:]}) == 1, "columns are aligned"
+    told = Evaluation(errors, errors, {}).text()
+    assert "  source: the model as given" in told
+    assert "hold:" not in told, "only what is in the tables"
     text = Evaluation(errors, errors, {}).episodes_text()
     assert "source + φ" in text
     assert "3.536" in text

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from support.recording_samples import GAP, paired_pendulum, pendulum, recorded_o
 from support.simulator_samples import unstable
 from support.training_samples import TINY, check_gradients, same, silent, train
 
+from nas_data.dataset import versions
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import (
     ACTION,
@@ -278,8 +280,10 @@ def test_options_out_of_range_are_refused():
 
 
 def test_phi_needs_a_paired_dataset(swings):
-    with pytest.raises(DatasetInvalid, match="nas pair"):
+    with pytest.raises(DatasetInvalid, match="with a model first, by `nas pair`"):
         ModelTraining("delta", without(swings), TINY)
+    with pytest.raises(DatasetInvalid, match=r"nas pair datasets/arm --model MODEL\.xml"):
+        versions.check_paired(Path("datasets/arm"), without(swings), "A delta model")
     assert ModelTraining("forward", without(swings), TINY, device="cpu").model.kind == "forward"
 
 

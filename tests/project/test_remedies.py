@@ -569,8 +569,8 @@ def test_an_unpaired_dataset_is_paired_by_the_command_that_training_names(here, 
     simulated(here / "d", (60, 60))
     said = refused(capsys, "train", "delta", "d")
     (command,) = commands_in(said)
-    assert command == ["pair", "d"]
-    assert main([*command, "--model", "arm.xml"]) == 0
+    assert command == ["pair", "d", "--model", "MODEL.xml"]
+    assert main([*command[:-1], "arm.xml"]) == 0
 
 
 def test_an_unpaired_part_of_a_merge_is_paired_as_is_said(here, capsys):

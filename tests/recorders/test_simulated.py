@@ -186,6 +186,24 @@ def test_torque_commands_are_recorded_as_torques(folder):
     assert np.abs(dataset.states).max() > 0.01
 
 
+@pytest.mark.parametrize("start", ["rest", "random"])
+@pytest.mark.parametrize("actuator", ['<position joint="{}" kp="20" kv="1"/>', '<motor joint="{}" ctrlrange="-1 1"/>'])
+def test_a_joint_whose_range_leaves_zero_out_starts_within_it(folder, actuator, start):
+    """As the elbow of a Panda, which bends to one side only, and the fingers of a gripper that do not close."""
+    Path("arm.xml").write_text(
+        f"""<mujoco><compiler angle="radian"/><option gravity="0 0 0" integrator="implicitfast"/><worldbody><body>
+        <joint name="a" axis="0 1 0" range="-1 1" damping="0.1"/><geom size="0.05" pos="0.1 0 0" mass="0.1"/>
+        <body pos="0.2 0 0"><joint name="b" axis="0 1 0" range="-3 -0.5" damping="0.1"/>
+        <geom size="0.05" pos="0.1 0 0" mass="0.1"/></body></body></worldbody>
+        <actuator>{actuator.format("a")}{actuator.format("b")}</actuator></mujoco>"""
+    )
+    dataset, _ = record("--robot", "arm.xml", "--start", start, "--joints", "a")
+    first = dataset.states[dataset.starts, :2]
+    assert (first[:, 1] >= -3).all() and (first[:, 1] <= -0.5 + 1e-3).all()
+    if dataset.kinds[1] == ".pos":
+        assert dataset.commands[:, 1] == pytest.approx(-0.5)
+
+
 def test_bad_input_is_one_sentence_and_writes_nothing(folder, capsys):
     assert "choose one of: ergo_shield, ergojr" in refused(capsys, "--robot", "r2d2")
     assert "no model file absent.xml" in refused(capsys, "--robot", "absent.xml")

@@ -1,6 +1,7 @@
 """Films of an episode: the measured arm and its models in one scene, as pictures, as a film and in Rerun."""
 
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -120,6 +121,22 @@ def test_each_ghost_stands_where_its_joints_are_and_followers_follow(motion):
         assert finger == pytest.approx(-b)
     assert not scene.model.geom_contype.any() and not scene.model.geom_conaffinity.any()
     assert scene.model.nu == scene.model.neq == 0
+
+
+def test_a_model_without_shapes_is_drawn_as_rods_from_joint_to_joint(tmp_path):
+    bare = re.sub(r"<geom [^>]*/>", "", ARM.replace('<joint name="', '<inertial pos=".05 0 0" mass=".1" '
+                  'diaginertia="1e-4 1e-4 1e-4"/><joint name="'))  # fmt: skip
+    (tmp_path / "tip.obj").write_text(TIP)
+    (tmp_path / "bare.xml").write_text(bare.format(damping=0.1, integrator="Euler"))
+    plant = MujocoSimulator.load(tmp_path / "bare.xml", 1 / 50, ("a", "b"), threads=1)
+    write_version(recorded_on(plant, wander((60,), joints=2)), "arm", SIMULATED, tmp_path)
+    scene = Scene(follow(Dataset.load(tmp_path / "arm"), 0, [str(tmp_path / "bare.xml")]))
+    scene.show(0)
+    drawn = scene.model.geom_bodyid[scene.shown]
+    assert set(scene.owner[drawn]) == {0, 1}
+    assert np.isfinite(scene.camera(90.0, -20.0, 1.5).distance)
+    longest = scene.model.geom_size[scene.shown, 1].max()
+    assert 2 * longest == pytest.approx(0.15), "from joint a to joint b"
 
 
 def test_a_play_of_the_model_is_drawn_in_the_middle(tmp_path):

@@ -1,6 +1,7 @@
 """Every robot is the machine that its sources describe, and survives what a recording does to it."""
 
 import math
+import re
 from pathlib import Path
 
 import mujoco
@@ -303,6 +304,51 @@ def test_what_a_urdf_lacks_is_said_with_a_remedy_that_works(tmp_path):
     )
     path.write_text(path.read_text().replace("package://", ""))
     assert find_robot(path).joints == ("j",)
+    path.write_text(path.read_text().replace("l.obj", "l.dae"))
+    with pytest.raises(ModelFileError, match=r"a mesh that MuJoCo cannot read, '.*/l\.dae': convert it to"):
+        (tmp_path / "arm/meshes/l.obj").rename(tmp_path / "arm/meshes/l.dae")
+        find_robot(path)
     path.write_text(FLOATING.replace(LINK.format(0.1), ""))
     with pytest.raises(ModelFileError, match="a moving link without mass, 'l'; give it mass and inertia"):
         find_robot(path)
+
+
+def test_a_warning_of_the_engine_is_shown_once_however_often_a_model_is_read(tmp_path, capsys):
+    path = tmp_path / "arm.urdf"
+    path.write_text(
+        FLOATING.replace('name="j"', 'name="unlimited"').replace('lower="-1" upper="1"', 'lower="0" upper="0"')
+    )
+    for _ in range(2):
+        find_robot(path).spec()
+    assert capsys.readouterr().err.count("'unlimited' has equal lower and upper limits") == 1
+
+
+def test_an_inertia_that_no_body_has_is_said_with_a_remedy_that_works(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(FLOATING.replace('izz="1e-3"', 'izz="3e-3"'))
+    with pytest.raises(ModelFileError, match=r"that no body has, '[bl]': .* than the sum of the others") as said:
+        find_robot(path)
+    remedy = re.search(r"write (<mujoco>.*</mujoco>) inside <robot>", str(said.value))[1]
+    path.write_text(path.read_text().replace("</robot>", remedy + "</robot>"))
+    assert find_robot(path).joints == ("j",)
+    path.write_text(FLOATING.replace('izz="1e-3"', 'izz="-1e-3"'))
+    with pytest.raises(ModelFileError, match=r"that no body has, '[bl]': a principal moment is not above 0"):
+        find_robot(path)
+
+
+BOX = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
+FIXED = FLOATING.replace('"floating"', '"fixed"').replace("</link>\n", BOX + "</link>\n")
+
+
+def test_the_base_of_a_urdf_does_not_push_its_first_link(tmp_path):
+    """MuJoCo excludes contacts of links that a joint connects, except those of a base that is fixed to the world."""
+    path = tmp_path / "arm.urdf"
+    for text, contacts in ((FIXED, True), (FLOATING.replace("</link>\n", BOX + "</link>\n"), False)):
+        path.write_text(text)
+        given, taken = (
+            mujoco.MjData(model)
+            for model in (mujoco.MjModel.from_xml_path(str(path)), find_robot(path).spec().compile())
+        )
+        for data in (given, taken):
+            mujoco.mj_forward(data.model, data)
+        assert (given.ncon > 0) == contacts and taken.ncon == 0

@@ -8,6 +8,7 @@ from support.urdf_samples import URDF
 from nas_data.cli import main
 from nas_data.dataset.read import read
 from nas_data.errors import ModelFileError
+from nas_data.gap.problem import Problem
 from nas_data.robots.base import find_robot
 from nas_data.simulators.engines import load_simulator
 
@@ -42,6 +43,7 @@ def test_torques_recorded_of_a_urdf_are_refused_by_its_servos_and_the_remedy_wor
         pytest.importorskip("pybullet")
     assert run(f"record sim --robot lever.urdf --actuators torque {RECORD} --out lever") == 0
     assert read(urdf.parent / "lever").kinds == (".effort", ".effort")
+    assert Problem.load("lever", f"{urdf}:torque").names == ("lever", "lever.urdf")
     pair = f"pair lever --out paired --model lever.urdf --engine {engine}"
     assert run(pair) == 2
     said = capsys.readouterr().err
@@ -93,3 +95,15 @@ def test_only_a_urdf_is_given_actuators(urdf, tmp_path, capsys):
     assert run("record sim --robot ergojr --actuators torque") == 2
     assert run("record sim --env ErgoReacher --actuators torque") == 2
     assert "--actuators cannot be combined with --env" in capsys.readouterr().err
+
+
+def test_a_written_model_is_judged_and_drawn_beside_the_urdf_that_it_came_from(urdf, capsys):
+    assert run(f"record sim --robot lever.urdf --actuators torque {RECORD} --out lever") == 0
+    spec = find_robot(f"{urdf}:torque").spec()
+    spec.compile()
+    (urdf.parent / "model.xml").write_text(spec.to_xml())
+    assert run("evaluate model.xml lever --model lever.urdf --actuators torque") == 0
+    assert run("render lever --model lever.urdf --model model.xml --actuators torque --out picture.png") == 0
+    capsys.readouterr()
+    assert run("evaluate model.xml lever --actuators torque") == 2
+    assert "model.xml defines its own actuators" in capsys.readouterr().err

@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
+from support.recording_samples import recorded_on
 from support.truth_samples import FOLDER, PERIOD, record_truth, without_bases
 
 from nas_data.errors import ModelFileError
@@ -136,6 +137,35 @@ def test_a_robot_that_stood_on_the_ground_in_the_recording_is_refused(tmp_path):
     (tmp_path / "low.xml").write_text(low.replace('_thigh" pos', '_thigh" euler="0 0.6 0" pos'))
     with pytest.raises(ModelFileError, match=r"stands on the ground"):
         pair(truth, simulator_of(tmp_path / "low.xml"))
+
+
+CROUCHING = """<mujoco><option gravity="0 0 0" integrator="implicitfast"/><worldbody>
+<body name="trunk" pos="0 0 1">{free}<geom name="back" type="box" size="0.2 0.1 0.05" mass="5"/>
+<body name="head" pos="0.2 0 0"><geom size="0.06" mass="0.1"/></body>
+<body pos="0.2 0 0"><joint name="hip" axis="0 1 0" damping="1"/>
+<geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.04" mass="0.5"/><body name="shin" pos="0 0 -0.3">
+<joint name="knee" axis="0 1 0" damping="1"/><geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.03" mass="0.3"/>
+</body></body></body></worldbody><actuator><position joint="hip" kp="50" kv="2"/><position joint="knee" kp="50" kv="2"/>
+</actuator></mujoco>"""
+
+
+def test_a_held_base_collides_as_the_floating_one_does(tmp_path):
+    """Not with thighs, which overlap it at the hips, but with a shin that comes near, which then stands on nothing."""
+    (tmp_path / "dog.xml").write_text(CROUCHING.format(free="<freejoint/>"))
+    floating = mujoco.MjModel.from_xml_path(str(tmp_path / "dog.xml"))
+    held = find_robot(tmp_path / "dog.xml").spec().compile()
+    contacts = []
+    for model in (floating, held):
+        data = mujoco.MjData(model)
+        contacts.append([])
+        for hip, knee in ((0.0, 0.0), (1.5, -2.9), (-0.5, 0.0)):
+            data.joint("hip").qpos, data.joint("knee").qpos = hip, knee
+            mujoco.mj_forward(model, data)
+            contacts[-1].append(sorted(round(contact.dist, 6) for contact in data.contact))
+    assert contacts[0] == contacts[1] and contacts[0][0] == [] and contacts[0][1]
+    dog = MujocoSimulator.load(tmp_path / "dog.xml", PERIOD, threads=1)
+    crouching = recorded_on(dog, np.tile([[1.5, -2.9]], (1, 40, 1)))
+    assert np.isfinite(pair(crouching, dog).sim_states).all()
 
 
 WHEELS = """

@@ -11,7 +11,7 @@ from nas_data.errors import JointMismatch, ModelFileError
 from nas_data.robots.base import find_robot
 from nas_data.simulators.engines import load_simulator
 
-# A hand as Menagerie has it: one actuator opens both fingers through a tendon.
+# A hand as Menagerie has it: one actuator opens both fingers through a tendon, and an equality ties them.
 HAND = """<mujoco><compiler angle="radian" autolimits="true"/><option timestep="0.002" integrator="implicitfast"/>
 <default><geom contype="0" conaffinity="0"/></default><worldbody><site name="world"/><body pos="0 0 0.5">
 <joint name="shoulder" axis="0 1 0" range="-1.5 1.5" damping="0.05" armature="0.01"/>
@@ -23,6 +23,7 @@ HAND = """<mujoco><compiler angle="radian" autolimits="true"/><option timestep="
 <tendon><fixed name="split"><joint joint="left" coef="0.5"/><joint joint="right" coef="0.5"/></fixed></tendon>
 <equality><joint joint1="right" joint2="left"/></equality>
 <actuator><position joint="shoulder" kp="20" kv="1"/>{}</actuator></mujoco>"""
+TIE = '<equality><joint joint1="right" joint2="left"/></equality>'
 GRIP = '<general name="grip" tendon="split" gainprm="0.0157" biastype="affine" biasprm="0 -100 -10"/>'
 OWN = '<position joint="left" kp="100" kv="10"/>'
 JOINTS = ("shoulder", "left")
@@ -32,9 +33,9 @@ JOINTS = ("shoulder", "left")
 def hand(tmp_path):
     """Return a writer of the hand with some actuators."""
 
-    def write(actuators: str):
+    def write(actuators: str, tie: str = TIE):
         path = tmp_path / f"hand{len(list(tmp_path.iterdir()))}.xml"
-        path.write_text(HAND.format(actuators))
+        path.write_text(HAND.format(actuators).replace(TIE, tie))
         return path
 
     return write
@@ -60,12 +61,19 @@ def told():
     logger.removeHandler(handler)
 
 
+def test_a_hand_of_two_tied_fingers_takes_the_position_of_one(hand, told):
+    path = hand(GRIP)
+    assert find_robot(path).joints == JOINTS
+    motion = load_simulator(path, 0.02, JOINTS).rollout(np.zeros((1, 4)), np.full((1, 100, 2), [0.1, 0.02]))
+    assert abs(motion[0, -1, 1] - 0.02) < 0.002 and not told.messages
+
+
 def test_a_joint_that_a_tendon_drives_is_commanded_once_its_actuator_is_replaced_as_is_said(hand, told):
     with pytest.raises(JointMismatch, match=r"'left' of .* is moved through the tendon 'split' .* 'grip'") as raised:
-        load_simulator(hand(GRIP), 0.02, JOINTS)
+        load_simulator(hand(GRIP, tie=""), 0.02, JOINTS)
     (remedy,) = re.findall(r"replace it by (<position [^>]*/>)", str(raised.value))
     told.messages.clear()
-    path = hand(remedy.replace("…", "100"))
+    path = hand(remedy.replace("…", "100"), tie="")
     motion = load_simulator(path, 0.02, JOINTS).rollout(np.zeros((1, 4)), np.full((1, 25, 2), [0.1, 0.02]))
     assert abs(motion[0, -1, 1] - 0.02) < 0.002 and not told.messages
 
@@ -79,14 +87,16 @@ def test_a_joint_that_a_tendon_drives_is_commanded_once_its_actuator_is_replaced
     ],
 )
 def test_actuators_that_are_left_out_are_told_once(hand, told, actuator, said):
-    path = hand(actuator)
+    path = hand(actuator, tie="")
     for _ in range(2):
         assert find_robot(path).joints == ("shoulder",)
     assert [said in message for message in told.messages] == [True]
 
 
 def test_a_model_whose_actuators_drive_no_joint_names_them(tmp_path):
-    (tmp_path / "m.xml").write_text(HAND.format(GRIP).replace('<position joint="shoulder" kp="20" kv="1"/>', ""))
+    (tmp_path / "m.xml").write_text(
+        HAND.format(GRIP).replace('<position joint="shoulder" kp="20" kv="1"/>', "").replace(TIE, "")
+    )
     with pytest.raises(ModelFileError, match=r"in place of 'grip' on the tendon 'split' write <position joint=…>"):
         find_robot(tmp_path / "m.xml")
 

@@ -179,9 +179,9 @@ def test_the_page_sets_what_was_named_beside_what_hides(demo):
     folder, _ = demo
     page = (folder / "report.html").read_text(encoding="utf-8")
     rows = {name: re.findall(r"<td>(.*?)</td>", cells) for name, cells in re.findall(ROW, page)}
-    assert rows["backlash in m3"] == ["6.88°", "6.70°", "6.65° … 6.75°", "96 % (sure)"]
+    assert rows["backlash in m3"] == ["6.88°", "6.70°", "6.65 … 6.75°", "96 % (sure)"]
     assert rows["speed limit in m2"] == ["286°/s", "–", "–", "–"]
-    assert rows["command delay in the whole arm"] == ["–", "7.00 ms", "6.00 ms … 8.00 ms", "51 % (a guess)"]
+    assert rows["command delay in the whole arm"] == ["–", "7.00 ms", "6.00 … 8.00 ms", "51 % (a guess)"]
     assert len(rows) == len(QUICK.task.effects(QUICK.dynamics)) + 1
 
 

@@ -36,6 +36,14 @@ EXTRA = """<body pos="0.1 0.02 0"><joint name="c" axis="0 1 0" armature="0.001"/
 TENDONS = """<tendon><fixed name="u"><joint joint="c" coef="1"/></fixed>
 <fixed name="w"><joint joint="b" coef="1"/></fixed></tendon>"""
 
+FOLLOWS = '<equality><joint joint1="c" joint2="b"/></equality>'
+
+
+def fixed(name: str, **coefficients: float) -> str:
+    """Return a fixed tendon by the coefficients of its joints."""
+    parts = "".join(f'<joint joint="{joint}" coef="{share}"/>' for joint, share in coefficients.items())
+    return f'<fixed name="{name}">{parts}</fixed>'
+
 
 @dataclass(frozen=True)
 class Way:
@@ -152,11 +160,31 @@ WAYS = (
     Way("`general`, integrated force", "untold", '<general joint="{j}" dyntype="integrator" actrange="-1 1"/>'),
     Way("no actuator", "untold", '<position joint="{j}" kp="20" kv="0.3"/>'.replace("{j}", "a")),
     Way(
-        "`position` through a tendon",
+        "`position` through a tendon of one joint",
+        "position",
+        '<position tendon="of_{j}" kp="80" kv="1.2"/>',
+        after=f"<tendon>{fixed('of_a', a=0.5)}{fixed('of_b', b=0.5)}</tendon>",
+    ),
+    Way(
+        "`position` through a tendon of a joint and its follower",
+        "position of a gripper",
+        '<position tendon="of_{j}" kp="20" kv="0.3"/>',
+        inside=EXTRA,
+        after=f"<tendon>{fixed('of_a', a=1)}{fixed('of_b', b=0.5, c=0.5)}</tendon>" + FOLLOWS,
+    ),
+    Way(
+        "`position` through such a tendon with other coefficients",
+        "position of a gripper",
+        '<position tendon="of_{j}" kp="5" kv="0.075"/>',
+        inside=EXTRA,
+        after=f"<tendon>{fixed('of_a', a=2)}{fixed('of_b', b=1, c=1)}</tendon>" + FOLLOWS,
+    ),
+    Way(
+        "`position` through a tendon of joints that are independent",
         "untold",
         SERVO.replace("{j}", "a") + '<position tendon="w" kp="20" kv="0.3"/>',
         inside=EXTRA,
-        after=TENDONS,
+        after=f"<tendon>{fixed('w', b=0.5, c=0.5)}</tendon>",
     ),
     Way(
         "`position` at a site",
@@ -176,7 +204,7 @@ WAYS = (
         "equality",
         SERVO,
         inside=EXTRA,
-        after='<equality><joint joint1="c" joint2="b"/></equality>',
+        after=FOLLOWS,
     ),
     Way(
         "`equality/joint` by a curve: a follower",

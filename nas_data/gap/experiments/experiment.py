@@ -65,6 +65,11 @@ class NextExperiment:
     period: float
     table: tuple[RatedExperiment, ...]
 
+    @property
+    def decides(self) -> bool:
+        """Whether the rivals differ by more than noise in the best experiment."""
+        return self.table[0].separation >= MIN_SEPARATION
+
 
 def choose_next_experiment(
     nominal: Nominal, evidence: EpisodeBatch, rivals: tuple[Rival, Rival], floor: np.ndarray, seed: int

@@ -23,7 +23,7 @@ def write_table(folder: Path, quantities: Sequence[Quantity]) -> tuple[Path, lis
         writer.writerow(HEADER)
         for quantity in quantities:
             numbers = (quantity.value, *(quantity.interval or ()))
-            row = [quantity.joint or "", quantity.name, quantity.unit, *(repr(float(number)) for number in numbers)]
+            row = [quantity.joint or "", quantity.name, quantity.unit, *(f"{number:.6g}" for number in numbers)]
             writer.writerow(row + [""] * (len(HEADER) - len(row)))
     unknown = sum(quantity.interval is None for quantity in quantities)
     return path, [

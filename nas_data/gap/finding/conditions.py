@@ -47,7 +47,7 @@ def compute_torques(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return load of the posture and actuator torque [N·m; N] for states and commands, shape (N, n) each."""
     model, layout = simulator.model, simulator.layout
-    data = mujoco.MjData(model)
+    data, followers = mujoco.MjData(model), layout.followers
     full, controls = simulator.rest(states), layout.controls(commands)
     load, force = np.zeros_like(commands), np.zeros_like(commands)
     for row in range(len(states)):
@@ -58,6 +58,9 @@ def compute_torques(
         mujoco.mj_fwdActuation(model, data)
         load[row] = (data.qfrc_bias - data.qfrc_gravcomp)[layout.dof]
         force[row] = data.qfrc_actuator[layout.dof]
+        if followers is not None and data.qfrc_actuator[followers.dofs].any():  # a shared drive moves them, too
+            carried = followers.velocity_jacobian(data.qpos).T @ data.qfrc_actuator[followers.dofs]
+            force[row] += carried[layout.dof]
     return load, force
 
 

@@ -10,6 +10,7 @@ MAX_REGIMES = 3  # most regimes per joint
 SHOWN_RATIO = 1.2  # ratio of errors inside over outside a bin above which it is shown
 SHOWN_FLOORS = 1.5  # noise floors above which a joint's regimes are shown
 SIGNED_RATIO = 0.3  # ratio of mean over RMS error above which its sign is shown
+COMMAND_LEGEND = "; (command): predicts that every joint is where it is told to be"
 COLUMNS = {
     "noise": "floor",
     "one step": "one_step",
@@ -45,7 +46,11 @@ def format_joint_table(joints: Mapping[str, JointGap]) -> str:
         cells = [format_cell(getattr(gap, key), gap.unit) for key in used.values()]
         rows.append([joint, *cells, f"{gap.ratio_to_noise:.1f}"])
     heading = f"Gap: RMSE of positions [{format_table_unit(list(joints), slides)}]"
-    return "\n".join([heading, *(f"  {line}" for line in align_columns(rows, least=9))])
+    legend = [
+        "one step: simulated from every measured state; open loop: from the first pose and the commands alone",
+        "(hold): predicts that nothing moves" + COMMAND_LEGEND * ("(command)" in used),
+    ]
+    return "\n".join([heading, *(f"  {line}" for line in [*align_columns(rows, least=9), *legend])])
 
 
 def format_cell(value: float | None, unit: str) -> str:

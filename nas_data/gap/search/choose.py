@@ -41,7 +41,8 @@ def choose(search: Search) -> Choice:
     """Search in both directions.
 
     If the smooth fit leaves few joints unexplained, effects are added to the model first. If they explain every joint,
-    the search ends. The smooth fit is refined before that only where it nearly explains every joint, else after.
+    the search ends, and the plain fit is only completed as a baseline. The smooth fit is refined before that only where
+    it nearly explains every joint, else after.
     """
     first = search.current_round
     if not search.find_joints_above_floor(search.null):
@@ -49,18 +50,22 @@ def choose(search: Search) -> Choice:
     plain = fit_smooth(search)
     if is_near := bool(search.floor_ratios(plain).max() <= FAR_ABOVE):
         plain = refine_smooth(search, plain)
-    there, early = search.current_round, None
+    there = upper = search.current_round
+    early, is_enough = None, False
     if 0 < search.count_unexplained(plain) <= SIMPLE_SIZE:
         search.return_to(first)
         early = search_up(search, search.null)
         free = search.rescore(plain)
-        if is_explained(search, early) and early.score < free.fit.loss + free.heldout_misfit:
-            return Choice(early, plain, there.task.fine)
+        is_enough = is_explained(search, early) and early.score < free.fit.loss + free.heldout_misfit
+        upper = search.current_round
         search.return_to(there)
     if not is_near:
         plain = refine_smooth(search, plain)
     plain = add_limits(search, plain)
     fine = search.task.fine
+    if early and is_enough:
+        search.return_to(upper)
+        return Choice(early, plain, fine)
     search.return_to(first)
     return Choice(search_both(search, first, plain, early), plain, fine)
 

@@ -25,7 +25,8 @@ from nas_data.gap.side_by_side import map_in_parallel
 
 SHORT_STEPS = 8_000  # most physics steps of one rollout of short windows
 FACTORS = (1.0, 0.3, 0.1, 0.03)  # initial factors of all gains; filters take the first and the last
-INITIAL_SHARE = 0.1  # of a joint\'s scale: initial value of an effect that the model lacks
+INITIAL_SHARE = 0.1  # of a joint's scale: initial value of an effect that the model lacks …
+SIZES = (0.01, 0.1, 1.0)  # … and multiples of it that are tried
 START_TOLERANCE = 0.3  # [nats per observation] by which a start may be worse than the best and still be fitted
 FACTOR, ADDED, LOWERED = "factor", "added", "lowered"
 EFFECT_OF_PARAMETER = {  # effect: the equivalent freed parameter, and how its value is converted
@@ -62,11 +63,11 @@ def fit_smooth(search: Search) -> Hypothesis:
     if not found:  # the model is near, so that parameters move the same joints as there
         base = Description().parameters(search.train.nominal.base)
         search.task = replace(search.task, moved_by_joint=group_moved_joints(search.task, base))
-    start = found.theta if found else parameters.initial_theta(search.null.fit.factors)
+    start = found.theta if found else choose_start(search, parameters)
     known = {} if found else reuse_jacobian(search.null.fit, parameters, len(description.effects))
     known = {column: rows for column, rows in known.items() if not is_effect_or_freed(parameters, column)}
     whole = fit(search.task, parameters, start, known, steps=8, jacobian_refreshes=2)
-    if whole is None:
+    if whole is None or not whole.loss < search.null.fit.loss:
         return search.null
     plain = search.evaluate(description, whole)
     search.report("plain fit", plain)
@@ -87,6 +88,28 @@ def refine_smooth(search: Search, plain: Hypothesis) -> Hypothesis:
         alike = search.relinearise(alike)
         search.report("plain fit with one gain", alike)
     return alike
+
+
+def choose_start(search: Search, parameters: FreeParameters) -> np.ndarray:
+    """Return the initial θ near the model: for each joint the effects of the size with the smallest error.
+
+    Friction of a tenth of a strong servo's torque, for example, is far from the model.
+    """
+    starts = list_near_starts(parameters, search.null.fit.factors)
+    predicted = [search.task.predict(parameters, start) for start in starts]
+    starts.append(mix_starts(search.task, parameters, starts, predicted))
+    predicted.append(search.task.predict(parameters, starts[-1]))
+    return starts[int(np.argmin([search.task.misfit(rows) for rows in predicted]))]
+
+
+def list_near_starts(parameters: FreeParameters, factors: dict[str, float]) -> list[np.ndarray]:
+    """Return θ at some factors of the model's parameters, with effects of each initial size, smallest first."""
+    starts = [parameters.initial_theta(factors) for _ in SIZES]
+    for start, size in zip(starts, SIZES, strict=True):
+        for column, free in enumerate(parameters.effect_parameters):
+            if not free.signed:  # θ is the logarithm of the size
+                start[column] = math.log(size)
+    return starts
 
 
 def describe_plain_fit(search: Search, joints: Collection[str]) -> Description:
@@ -123,7 +146,8 @@ def fit_short_windows(search: Search, description: Description) -> Fit | None:
     evidence = cut_windows(search.train.evidence, rows, SHORT_WINDOW)
     parameters = description.parameters(nominal.base)
     task = FitTask(nominal, evidence, search.train.floor, fine=False)
-    starts = [parameters.initial_theta(factors) for factors in list_starting_factors(description.freed)]
+    starts = list_near_starts(parameters, {})  # the first is nearly the given model
+    starts += [parameters.initial_theta(factors) for factors in list_starting_factors(description.freed)]
     predicted = [task.predict(parameters, start) for start in starts]
     starts.append(mix_starts(task, parameters, starts, predicted))
     predicted.append(task.predict(parameters, starts[-1]))

@@ -3,6 +3,8 @@
 import re
 from pathlib import Path
 
+import numpy as np
+
 from nas_data.atomic_file import write_atomic
 from nas_data.count_of import join_items
 from nas_data.gap.report import REPORT, GapReport
@@ -156,11 +158,13 @@ def make_placebo_blocks(report: GapReport, series: Series) -> list[Block]:
     placebo, gap = report.placebo, report.gap
     if not placebo:
         return []
+    # the error in the chart; the search's own number is of slightly different predictions
+    left = placebo.after if series.placebo is None else float(np.sqrt((series.by_episode(series.placebo) ** 2).mean()))
     text = as_words(placebo.text).rstrip(".") or join_items([format_effect_title(effect) for effect in placebo.effects])
     return [
         Text(
             f"{capitalise(text)}: with the same freedom to fit, this placebo leaves "
-            f"{format_value(placebo.after, gap.unit)} of the {format_error(gap, 'before')} before. "
+            f"{format_value(left, gap.unit)} of the {format_error(gap, 'before')} before. "
             f"The named effects leave {format_error(gap, 'after')}. If the placebo does as well, do not trust the name."
         ),
         *charts.draw_placebo_errors(series),

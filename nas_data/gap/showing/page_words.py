@@ -1,6 +1,7 @@
 """Verdict, numbers and names of a gap report in words."""
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Literal
 
@@ -19,6 +20,7 @@ FRIENDLY = {
     "kg": (" g", 1e3),
     "kg·m²": (" g·cm²", 1e7),
 }
+NUMBER = re.compile(r"^-?[\d.]+(e[-+]\d+)?")
 LARGE = 1e4  # in display units; from here on, the SI unit is easier to read
 MOST_JOINTS = 4  # that a sentence lists by name
 ROUNDING = 1e-12  # smaller numbers are rounding errors
@@ -61,7 +63,9 @@ def format_interval(number: FittedParameter) -> str:
     ends = number.interval95
     if not ends or ends[0] == ends[1]:
         return ""
-    return f"{format_value(ends[0], number.unit)} … {format_value(ends[1], number.unit)}"
+    low, high = (format_value(end, number.unit) for end in ends)
+    unit = NUMBER.sub("", low)
+    return f"{low.removesuffix(unit)} … {high}" if unit == NUMBER.sub("", high) else f"{low} … {high}"
 
 
 def as_words(name: str) -> str:

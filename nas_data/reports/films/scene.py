@@ -18,6 +18,8 @@ TRANSPARENCY = 0.55  # alpha of the models; the measured arm is solid
 GROUND = (0.93, 0.93, 0.94, 1.0)  # colour of planes
 HIDDEN_GROUPS = 3  # first geom group that MuJoCo hides by default: collision shapes, by convention
 SAMPLED = 40  # postures of an episode that must fit into the picture
+ROD_WIDTH = 0.06  # radius of the rods of a model without shapes, as a share of the longest
+MIN_ROD = 0.01  # shorter rods are drawn as balls, as a share of the longest
 MARGIN = 1.08  # camera distance over the distance at which everything just fits
 PLANE = int(mujoco.mjtGeom.mjGEOM_PLANE)
 HEIGHT_FIELD = int(mujoco.mjtGeom.mjGEOM_HFIELD)
@@ -135,7 +137,31 @@ def strip_model(ghost: Ghost, with_world: bool) -> mujoco.MjSpec:
         geom.contype = geom.conaffinity = 0
         if geom.parent.name == "world" and not with_world:
             spec.delete(geom)
+    add_rods(spec)
     return spec
+
+
+def add_rods(spec: mujoco.MjSpec) -> None:
+    """Draw rods from joint to joint in a model of which nothing that moves has a shape.
+
+    MuJoCo leaves out the visual shapes of a URDF, and some have no others.
+    """
+    model = spec.copy().compile()
+    if (model.body_weldid[model.geom_bodyid] != 0).any():
+        return
+    rods = [
+        (parent, model.body_pos[child])
+        for child, parent in enumerate(model.body_parentid)
+        if parent and model.body_weldid[child]
+    ]
+    # The end of the last link is where it is if the link is uniform.
+    rods += [(leaf, 2 * model.body_ipos[leaf]) for leaf in set(range(1, model.nbody)) - set(model.body_parentid)]
+    length = max((float(np.linalg.norm(end)) for _, end in rods), default=0.0)
+    for body, end in rods:
+        geom = spec.body(model.body(body).name).add_geom(contype=0, conaffinity=0, mass=0)
+        if np.linalg.norm(end) > MIN_ROD * length:
+            geom.type, geom.fromto = mujoco.mjtGeom.mjGEOM_CAPSULE, [0, 0, 0, *end]
+        geom.size = [ROD_WIDTH * (length or 1.0), 0, 0]
 
 
 def light_up(scene: mujoco.MjSpec) -> None:

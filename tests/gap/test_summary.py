@@ -1,0 +1,44 @@
+"""The text summary of a gap report."""
+
+import pytest
+from support.report_samples import gap_report
+
+from nas_data.effects.base import make_effect
+from nas_data.gap.compose import name_with_place
+from nas_data.gap.report import GapReport
+from nas_data.gap.summary import list_findings
+
+EVIDENCE = {"heldout_error_before": 0.1, "heldout_error_after": 0.01}
+
+
+def named(joint: str | None, rival: str, rival_joint: str | None) -> GapReport:
+    return gap_report(
+        effects=[
+            {
+                "effect": "command_delay",
+                "joint": joint,
+                "parameters": {"delay": {"value": 0.04, "unit": "s", "interval95": [0.03, 0.05]}},
+                "confidence": 0.7,
+                "evidence": EVIDENCE,
+                "alternatives": [{"effect": rival, "joint": rival_joint, "heldout_error_after": 0.05}],
+                "equals": [],
+            }
+        ]
+    )
+
+
+@pytest.mark.parametrize(
+    ("joint", "rival", "rival_joint", "said"),
+    [
+        (None, "command_delay", "waist", "runner-up command_delay waist: 2.86°"),
+        ("waist", "command_delay", None, "runner-up command_delay of the whole arm: 2.86°"),
+        ("waist", "backlash", "waist", "runner-up backlash: 2.86°"),
+    ],
+)
+def test_a_runner_up_at_another_place_is_told_with_its_place(joint, rival, rival_joint, said):
+    assert said in "\n".join(list_findings(named(joint, rival, rival_joint)))
+
+
+def test_a_placebo_is_told_with_its_place():
+    said = [name_with_place(make_effect("command_delay", joint, {"delay": 0.04})) for joint in (None, "waist")]
+    assert said == ["command_delay in the whole arm", "command_delay in waist"]
