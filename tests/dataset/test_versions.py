@@ -146,9 +146,9 @@ def test_provenance_names_the_packages():
     ("content", "message"),
     [
         ('{"schema": 2, "how": "x"}', "update nas_data"),
-        ('{"schema": 1}', "no provenance"),
-        ('{"schema": 1, "how": "x", "parents": [{"name": "a"}]}', "no provenance"),
-        ('{"schema": 1, "how": "x", "files": 3}', "no provenance"),
+        ('{"schema": 1}', "not a provenance"),
+        ('{"schema": 1, "how": "x", "parents": [{"name": "a"}]}', "not a provenance"),
+        ('{"schema": 1, "how": "x", "files": 3}', "not a provenance"),
         ('{"schema": 1, "how": ', "JSON"),
     ],
 )
