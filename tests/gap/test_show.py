@@ -279,3 +279,12 @@ def test_the_command_shows_a_folder(tmp_path):
     assert answer.code == 0
     assert str(tmp_path / "report.html") in answer.out
     assert nas("gap", "show", tmp_path / "nothing").code == 2
+
+
+@pytest.mark.usefixtures("words_only")
+def test_a_page_says_that_the_plain_fit_is_written_in_place_of_the_names(tmp_path):
+    gap = {**REPORT["gap"], "delivered": "plain"}
+    page = show(written(tmp_path, {"gap": gap, "effects": [{**BACKLASH, "in_model_xml": False}]}))
+    text, bars = text_of(page), [trace["y"] for chart in charts(page).values() for trace in chart["data"]]
+    assert "model.xml is the plain fit, without named effects" in text and "MJCF cannot express" not in text
+    assert any("after (names)" in str(names) for names in bars)

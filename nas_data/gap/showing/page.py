@@ -28,6 +28,7 @@ from nas_data.gap.showing.page_words import (
     list_remarks,
 )
 from nas_data.gap.showing.series import Series
+from nas_data.gap.summary import DELIVERED
 from nas_data.gap.write_model import DIFFERENCE
 from nas_data.reports.page import Block, HtmlPage, ModelDifference, PageSection, Text
 from nas_data.reports.style import to_png
@@ -95,7 +96,9 @@ def make_change_blocks(report: GapReport, folder: Path) -> list[Block]:
     blocks: list[Block] = [ModelDifference(text, SIDES)] if text else []
     if report.effects:
         blocks.append(Text(f"Added: {join_items([describe_values(effect) for effect in report.effects])}."))
-    blocks += [Text(NOT_WRITTEN.format(join_items(missing)))] if missing else []
+    if missing:
+        is_plain = report.gap.delivered == "plain"
+        blocks.append(Text(DELIVERED["plain"] if is_plain else NOT_WRITTEN.format(join_items(missing))))
     if report.retuned:
         blocks.append(tables.make_retuned_table(report))
     return blocks or [Text("Nothing: the model is unchanged.")]

@@ -49,7 +49,8 @@ QUARTILES = (0.25, 0.5, 0.75)
 def draw_model_errors(report: GapReport, series: Series) -> Chart:
     """Return the held-out errors of all models, φ, and the floor."""
     shown = select_models(report, series)
-    titles = {**TITLES, AFTER: f"after ({DELIVERED.get(report.gap.delivered or 'names', 'names')})"}
+    content = "names" if report.effects and report.gap.delivered == "plain" else report.gap.delivered or "names"
+    titles = {**TITLES, AFTER: f"after ({DELIVERED.get(content, 'names')})"}
     made = {titles.get(name, name): (series.by_episode(values), LOOKS[name]) for name, values in shown.items()}
     traces = [make_bar(series, name, values, look) for name, (values, look) in made.items()]
     if report.shares and report.shares.learned is not None and report.shares.left is not None:
