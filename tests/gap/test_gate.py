@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from nas_data.benchmarks.blind.benchmark import run_cases, tell
+from nas_data.benchmarks.blind.benchmark import describe_case, run_cases
 from nas_data.benchmarks.blind.case import Identity
 from nas_data.benchmarks.blind.grade import ConfidenceGrade
 from nas_data.benchmarks.blind.record import CaseFailure
@@ -74,12 +74,12 @@ def inside(records):
 
 def inexact(records):
     """Return which cases of the catalogue were not named exactly."""
-    return [tell(record) for record in inside(records) if not record.outcome.grade.exact]
+    return [describe_case(record) for record in inside(records) if not record.outcome.grade.exact]
 
 
 def surely_wrong(records):
     """Return the cases in which a wrong name has a high confidence."""
-    return [tell(record) for record in records if any(map(is_surely_wrong, record.outcome.grade.confidences))]
+    return [describe_case(record) for record in records if any(map(is_surely_wrong, record.outcome.grade.confidences))]
 
 
 def is_surely_wrong(entry):
@@ -162,8 +162,10 @@ def test_twenty_four_drawn_cases_keep_every_bar(large):
     assert not [record.outcome.fault for record in large if isinstance(record.outcome, CaseFailure)]
     assert len(inexact(large)) <= 2, inexact(large)
     assert not surely_wrong(large)
-    assert not [tell(record) for record in of_family(large, "none") if record.outcome.grade.named]
-    assert not [tell(record) for record in of_family(large, "outside") if record.outcome.grade.verdict == "explained"]
+    assert not [describe_case(record) for record in of_family(large, "none") if record.outcome.grade.named]
+    assert not [
+        describe_case(record) for record in of_family(large, "outside") if record.outcome.grade.verdict == "explained"
+    ]
     errors = [record.outcome.fresh for record in known]
     assert median(compute_rest(one.after, one.floor) for one in errors) <= 1.2
     assert compute_share(entry.covered for record in known for entry in record.outcome.grade.parameters) >= 0.85
