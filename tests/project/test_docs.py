@@ -2,12 +2,15 @@
 
 import importlib.util
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 import yaml
+
+from nas_data.cli import main
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -132,3 +135,14 @@ def test_the_site_is_built_without_a_warning(tmp_path):
     assert "<math" in (tmp_path / "site/concepts/objective.html").read_text(encoding="utf-8")
     for page in (tmp_path / "site").rglob("*.html"):
         assert LOADED.findall(page.read_text(encoding="utf-8")) == [], page.name
+
+
+@pytest.mark.slow
+def test_the_readmes_example_prints_what_the_readme_shows(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    shell, shown = re.findall(r"```(?:bash|text)\n(nas record.*?|Explained.*?)```", README, re.DOTALL)
+    assert main(shlex.split(shell.replace("\\\n", ""))[1:]) == 0
+    assert main(shlex.split("gap datasets/pendulum --model pendulum --out runs/gap")) == 0
+    printed = capsys.readouterr().out
+    for line in shown.strip().splitlines():
+        assert line.removesuffix("…") in printed
