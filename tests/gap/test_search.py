@@ -12,6 +12,7 @@ from nas_data.effects.base import find_effect, parse
 from nas_data.gap.name import name
 from nas_data.gap.problem import Problem
 from nas_data.gap.search.choose import choose, search_down, search_up
+from nas_data.gap.search.constants import PRICE
 from nas_data.gap.search.plain_fit import (
     choose_start,
     convert_to_effects,
@@ -152,7 +153,9 @@ def test_up_from_the_model_and_down_from_the_plain_fit_meet(rubbing: Search):
     for h in (up, down):
         assert names(h.effects) == names([parse(VISCOUS), parse(DRY)])
         sizes = {effect.name(): getattr(effect, effect.parameters[0].name) for effect in h.effects}
-        assert sizes == pytest.approx({"viscous_friction": 0.03, "coulomb_friction": 0.03}, rel=0.03)
+        # All torques of an arm may change by the same few percent without changing its motion.
+        assert sizes == pytest.approx({"viscous_friction": 0.03, "coulomb_friction": 0.03}, rel=0.1)
+    assert abs(rubbing.rescore(up).score.over(rubbing.rescore(down).score)) < PRICE
 
 
 def test_what_one_effect_explains_is_named_though_the_plain_fit_leaves_more():

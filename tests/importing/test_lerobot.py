@@ -479,7 +479,7 @@ def test_two_commands_lead_from_a_filmed_dataset_to_the_report_that_the_log_in_r
             for motor in motors.values()
         ]
     )
-    Path("model.xml").write_text(ARM.replace('kp="2"', 'kp="1.6"', 1))
+    Path("model.xml").write_text(ARM.replace('kp="2"', 'kp="1.25"', 1))
     units = {
         "rad": (1.0, []),
         "deg": (180 / np.pi, ["--unit", "deg"]),
@@ -495,7 +495,7 @@ def test_two_commands_lead_from_a_filmed_dataset_to_the_report_that_the_log_in_r
     for report in reports.values():
         (found,) = report["effects"]
         assert (report["verdict"], found["effect"], found["joint"]) == ("explained", "servo_stiffness", "j1")
-        assert found["parameters"]["factor"]["value"] == pytest.approx(1.25, rel=1e-3)
+        assert found["parameters"]["factor"]["value"] == pytest.approx(1.6, rel=1e-3)
         for key in ("noise_floor", "before"):
             assert report["gap"][key] == pytest.approx(reports["rad"]["gap"][key], rel=1e-5)
 

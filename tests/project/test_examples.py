@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -67,9 +68,9 @@ def test_the_csv_log_is_what_its_script_writes(tmp_path):
 def test_phi_corrects_a_so101_simulated_or_recorded(tmp_path, given):
     arguments = ()
     if given:
-        nas.record("so101_follower", effects=["servo_stiffness:joint=elbow_flex,factor=0.3"], episodes=8).save(
-            tmp_path / "mine"
-        )
+        effects = runpy.run_path(str(EXAMPLES / "so101.py"))["EFFECTS"]
+        ramps = nas.record("so101_follower", effects=effects, excitation="ramps", rate=50, episodes=40, seconds=3)
+        ramps.save(tmp_path / "mine")
         arguments = (str(tmp_path / "mine"),)
     said = run(tmp_path, "so101", *arguments)
     loop = said[said.index("Open loop") :]
