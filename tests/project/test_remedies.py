@@ -20,7 +20,7 @@ from support.bag_samples import MAP as BAG_MAP
 from support.bag_samples import write_json_mcap, write_rosbag
 from support.dataset_samples import recorded
 from support.import_samples import columns_of, map_text, motion, write_log, write_map
-from support.lerobot_samples import ARM, motions
+from support.lerobot_samples import ARM, motions, write_calibration, write_lerobot
 
 import nas_data as nas
 from nas_data.cli import main
@@ -31,7 +31,7 @@ from nas_data.dataset.provenance import Provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.write import write
-from nas_data.errors import DatasetInvalid
+from nas_data.errors import DatasetInvalid, OptionError
 from nas_data.gap.problem import Problem
 
 OFFLINE = {**os.environ, "HF_HUB_OFFLINE": "1"}
@@ -439,6 +439,70 @@ def test_one_episode_is_cut_by_the_command_that_the_gap_names(here, capsys, rows
     assert main(command) == 0
     assert main(["split", "one", "--seconds", "10"]) == 2, "nothing would be cut"
     assert main(["gap", "find", "datasets/one_cut", "--model", "arm.xml"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said", "right"),
+    [
+        (["--seconds", "0.02"], "give at least 0.06 s", ["--seconds", "0.06"]),
+        (["--seconds", "2"], "give at most 1 s", ["--seconds", "1"]),
+        (["--episodes", "0,7"], "it has 0 to 2", ["--episodes", "0,2"]),
+        (["--episodes", "0,0"], "name each once", ["--episodes", "0"]),
+        (["--episodes", "0,1,2"], "both parts need at least one", ["--episodes", "0,1"]),
+        (["--share", "1.5"], "for example 0.8", ["--share", "0.8"]),
+        (["--share", "0.8", "--seed", "-1"], "must be 0 or more", ["--share", "0.8", "--seed", "0"]),
+    ],
+)
+def test_a_dataset_is_divided_as_the_refusal_says(here, capsys, wrong, said, right):
+    write(recorded(lengths=(100, 100, 100)), here / "d", Provenance(how="simulated", robot="ergojr"))
+    names = ["--name", "parts"] if "--seconds" in wrong else ["--names", "one", "other"]
+    assert said in refused(capsys, "split", "d", *wrong, *names)
+    assert main(["split", "d", *right, *names]) == 0
+
+
+def test_datasets_of_unlike_features_are_merged_once_both_are_paired(here, capsys):
+    for name in ("a", "b"):
+        simulated(here / name, (40, 40))
+    assert main(["pair", "a", "--model", "arm.xml", "--out", "a_paired"]) == 0
+    assert "pair both with the same model" in refused(capsys, "merge", "a_paired", "b", "--out", "both")
+    assert main(["pair", "b", "--model", "arm.xml", "--out", "b_paired"]) == 0
+    assert main(["merge", "a_paired", "b_paired", "--out", "both"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda motors: {"other": motors["j1"], "j2": motors["j2"]}, "has no motor 'j1'; it has: other, j2"),
+        (lambda motors: {**motors, "j1": {**motors["j1"], "range_max": 0}}, "has an empty range for 'j1'"),
+    ],
+)
+def test_a_calibration_of_another_robot_is_refused_and_ones_own_taken(here, capsys, change, said):
+    pytest.importorskip("lerobot")
+    motors = write_calibration(here / "own.json", ("j1", "j2"))
+    (here / "wrong.json").write_text(json.dumps(change(motors)))
+    write_lerobot(here / "d", [(states * 50, commands * 50) for states, commands in motions()])
+    unit = ["--unit", "range", "--calibration"]
+    assert said in refused(capsys, "import", "d", *unit, "wrong.json", "--out", "made")
+    assert main(["import", "d", *unit, "own.json", "--out", "made"]) == 0
+
+
+def test_arrays_of_another_shape_or_without_a_rate_are_put_right_as_is_said():
+    positions = [simulated_positions(40)]
+    with pytest.raises(OptionError, match="give the control rate"):
+        nas.Dataset.from_arrays(positions, positions, rate=0, joints=["j1", "j2"])
+    with pytest.raises(DatasetInvalid, match="a column a joint"):
+        nas.Dataset.from_arrays([positions[0][:, :1]], positions, rate=50, joints=["j1", "j2"])
+    assert nas.Dataset.from_arrays(positions, positions, rate=50, joints=["j1", "j2"]).n_frames == 39
+
+
+def test_a_map_of_a_bag_names_its_topics_as_is_said(here, capsys):
+    write_json_mcap(here / "bag.mcap")
+    text = BAG_MAP.format(format="mcap")
+    topics = text[text.index("[topics]") : text.index("[join]")]
+    write_map(here, text.replace(topics, ""))
+    assert "[topics] is missing; name the topics to read" in refused(capsys, "import", "bag.mcap", "--map", "map.toml")
+    write_map(here, text)
+    assert main(["import", "bag.mcap", "--map", "map.toml", "--out", "made"]) == 0
 
 
 def foreign(root: Path, fps: float = 50.0, gripper: bool = False) -> Path:
