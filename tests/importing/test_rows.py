@@ -14,10 +14,10 @@ from nas_data.dataset.recording import Recording
 from nas_data.dataset.rows import TextLines, find_row_spans, format_rows
 from nas_data.errors import LogError, MapError
 from nas_data.importing.formats import read_table
+from nas_data.importing.joining import match_rows
 from nas_data.importing.layout import LogLayout
 from nas_data.importing.map import Resample
 from nas_data.importing.map_file import load_map
-from nas_data.importing.reading import match_rows
 from nas_data.importing.resampling import resample
 from nas_data.recorders.logs import import_logs
 

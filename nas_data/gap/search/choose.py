@@ -50,21 +50,21 @@ def choose(search: Search) -> Choice:
     plain = fit_smooth(search)
     if is_near := bool(search.floor_ratios(plain).max() <= FAR_ABOVE):
         plain = refine_smooth(search, plain)
-    there = upper = search.current_round
-    early, is_enough = None, False
+    there, early = search.current_round, None
+    finished: Round | None = None
     if 0 < search.count_unexplained(plain) <= SIMPLE_SIZE:
         search.return_to(first)
         early = search_up(search, search.null)
         free = search.rescore(plain)
-        is_enough = is_explained(search, early) and early.score < free.fit.loss + free.heldout_misfit
-        upper = search.current_round
+        if is_explained(search, early) and early.score < free.fit.loss + free.heldout_misfit:
+            finished = search.current_round
         search.return_to(there)
     if not is_near:
         plain = refine_smooth(search, plain)
     plain = add_limits(search, plain)
     fine = search.task.fine
-    if early and is_enough:
-        search.return_to(upper)
+    if early and finished:
+        search.return_to(finished)
         return Choice(early, plain, fine)
     search.return_to(first)
     return Choice(search_both(search, first, plain, early), plain, fine)
