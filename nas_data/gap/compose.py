@@ -1,6 +1,6 @@
 """Composition of the gap report, and the series for its figures."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,7 +9,7 @@ import numpy as np
 from nas_data.effects.base import Effect
 from nas_data.gap.floor import compute_floor_ratios
 from nas_data.gap.name import EXPLAINED_FLOORS, Finding, Naming
-from nas_data.gap.nominal import Nominal
+from nas_data.gap.nominal import Nominal, with_timestep
 from nas_data.gap.problem import Problem
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_parts import (
@@ -68,9 +68,10 @@ def compose(
         experiment: Proposed experiment.
         seconds: Duration of the search [s].
     """
-    held, floor = problem.held, problem.held.floor
-    before = compute_floor_ratios(held.evidence.mean_squares(outcome.before), floor)
-    after = compute_floor_ratios(held.evidence.mean_squares(outcome.after), floor)
+    held, final = problem.held, naming.final
+    named = with_timestep(held.nominal, replace(problem.train, fine=final.fine).timestep)
+    before = compute_rests(replace(held, nominal=problem.as_given), outcome.before, (), {})
+    after = compute_rests(replace(held, nominal=named), outcome.after, final.effects, dict(final.factors))
     dataset, model = problem.names
     return GapReport(
         dataset=dataset,
@@ -95,6 +96,26 @@ def compose(
         seed=0,
         seconds=round(seconds, 2),
     )
+
+
+def compute_rests(
+    held: FitTask, predicted: np.ndarray, effects: Sequence[Effect], factors: dict[str, float]
+) -> np.ndarray:
+    """Return the held-out error over the noise floor, shape (n,).
+
+    Initial velocities that are derived from positions may move within their uncertainty, because their error is not one
+    of the model.
+
+    Args:
+        held: Model and held-out episodes.
+        predicted: Positions predicted from the estimated velocities [rad; m], shape (E, T, n).
+        effects: Effects of the model.
+        factors: Factors of its parameters, by name.
+    """
+    if (held.evidence.velocity_deviations > 0).any():
+        held = held.infer_initial_loads(effects, factors).estimate_initial_velocities(effects, factors)
+        predicted = held.nominal.predict(held.evidence, effects, factors)
+    return compute_floor_ratios(held.evidence.mean_squares(predicted), held.floor)
 
 
 def describe_finding(finding: Finding, nominal: Nominal, in_file: bool) -> NamedEffect:

@@ -18,8 +18,6 @@ from nas_data.gap.search.moves import (
     add,
     drop,
     line_scan,
-    merge_joints,
-    one_for_several,
     optional_parameters,
     replace_by_rival,
     restart,
@@ -175,15 +173,6 @@ def test_what_joints_have_each_of_their_own_is_shared_by_none():
     assert share_value.apply(search, kept) is kept
     forced = fitted(search, *own, shared=["coulomb_friction"])
     assert share_value.apply(search, forced).description.shared == frozenset()
-
-
-def test_a_delay_of_every_joint_is_the_arms():
-    search = begun(arm(), "command_delay:delay=0.02")
-    assert parse("command_delay:joint=j1,delay=0.02").whole_arm
-    kept = fitted(search, "command_delay:joint=j1,delay=0.02", "command_delay:joint=j2,delay=0.02")
-    (whole,) = merge_joints.apply(search, kept).effects
-    assert effect_key(whole) == ("command_delay", None)
-    assert whole.delay == pytest.approx(0.02, abs=1e-3)
 
 
 @pytest.mark.parametrize(("place", "apart"), [("", False), (",x=0.04,z=0.06", True)])
@@ -343,22 +332,3 @@ def test_an_arm_that_play_throws_to_and_fro_is_chaotic_and_a_servoed_one_is_not(
     assert thrown is not None
     assert line_scan.is_chaotic(task, Hypothesis(described().with_effects(WIDE_PLAY), thrown, np.zeros((1, 7)), 0.0))
     assert not line_scan.is_chaotic(rubbing.task, rubbing.null)
-
-
-# One effect in the place of several parts
-
-
-def test_one_effect_takes_the_place_of_all_parts_of_a_joint(rubbing: Search):
-    """A dead band and an offset stand in for dry friction."""
-    search = afresh(rubbing)
-    several = fitted(search, VISCOUS, BAND, "joint_offset:joint=j1,offset=0.001")
-    found = one_for_several.apply(search, several)
-    assert names(found.effects) == names([parse(VISCOUS), parse(DRY)])
-    assert found.score < several.score
-
-
-def test_one_effect_of_the_arm_takes_the_place_of_everything():
-    """What a mass at the end does looks like an offset in either joint."""
-    search = begun(arm(), "payload:mass=0.04")
-    several = fitted(search, *(f"joint_offset:joint={joint},offset=0.01" for joint in ("j1", "j2")))
-    assert names(one_for_several.apply(search, several).effects) == [("payload", None)]

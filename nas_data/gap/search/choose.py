@@ -17,7 +17,7 @@ from nas_data.gap.search.moves.base import find_move
 from nas_data.gap.search.plain_fit import add_limits, convert_columns, convert_to_effects, fit_smooth, refine_smooth
 from nas_data.gap.search.search import Round, Search
 
-MOVES_AFTER_ADDITION = ("swap", "merge_joints", "shift_delay", "optional_parameters")  # after each addition
+MOVES_AFTER_ADDITION = ("swap", "shift_delay", "optional_parameters")  # after each addition
 # when nothing is added any more
 MOVES_OF_REVIEW = ("share_value", "simplify", "drop", "replace_by_rival", "shift_delay", "drop")
 
@@ -95,7 +95,7 @@ def search_both(search: Search, first: Round, plain: Hypothesis, early: Hypothes
         if not is_ahead or search.rescore(down).score <= search.rescore(first_addition).score:
             return search_up(search, search.relinearise(down))
     elif not search.find_joints_above_floor(down) and is_simple(down):
-        return review(search, apply_moves(search, down, ("merge_joints", "one_for_several")))
+        return review(search, down)
     up = early
     if up is None:
         search.return_to(first)

@@ -77,11 +77,6 @@ def list_parts(h: Hypothesis) -> list[Part]:
     return [*h.effects, *sorted(h.description.freed)]
 
 
-def find_part_joint(part: Part) -> str | None:
-    """Return the joint of an effect or freed parameter; None for an effect of the whole arm."""
-    return part.rsplit(".", 1)[0] if isinstance(part, str) else part.joint
-
-
 def compute_part_price(part: Part) -> float:
     """Return the price of an effect or freed parameter [nats]."""
     return PRICE if isinstance(part, str) else compute_effect_price(part)
