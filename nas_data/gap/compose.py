@@ -103,17 +103,17 @@ def compute_rests(
 ) -> np.ndarray:
     """Return the held-out error over the noise floor, shape (n,).
 
-    Initial velocities that are derived from positions may move within their uncertainty, because their error is not one
-    of the model.
+    The initial state of an episode that begins in motion may move within its uncertainty. Its error is not one of the
+    model.
 
     Args:
         held: Model and held-out episodes.
-        predicted: Positions predicted from the estimated velocities [rad; m], shape (E, T, n).
+        predicted: Positions predicted from the estimated initial states [rad; m], shape (E, T, n).
         effects: Effects of the model.
         factors: Factors of its parameters, by name.
     """
     if (held.evidence.velocity_deviations > 0).any():
-        held = held.infer_initial_loads(effects, factors).estimate_initial_velocities(effects, factors)
+        held = held.infer_initial_loads(effects, factors).estimate_initial_states(effects, factors)
         predicted = held.nominal.predict(held.evidence, effects, factors)
     return compute_floor_ratios(held.evidence.mean_squares(predicted), held.floor)
 

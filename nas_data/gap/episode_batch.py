@@ -21,9 +21,9 @@ MAX_UNCUT = 1.5  # window lengths up to which an episode is not cut
 STILL_SECONDS = 0.5  # [s] around an even spacing in which a window starts at the slowest row
 # fields with one entry for each episode
 PARTS = (
-    "initial_positions", "commands", "measured", "mask", "numbers", "initial_velocities", "estimated_velocities",
-    "velocity_deviations", "measured_velocities", "initial_loads", "gains", "torque_off_from", "objects",
-    "earlier_commands",
+    "initial_positions", "commands", "measured", "mask", "numbers", "initial_velocities", "estimated_positions",
+    "estimated_velocities", "velocity_deviations", "measured_velocities", "initial_loads", "gains", "torque_off_from",
+    "objects", "earlier_commands",
 )  # fmt: skip
 
 
@@ -34,16 +34,16 @@ class EpisodeBatch:
     Attributes:
         joints: Names of the measured joints.
         period: Control period [s].
-        initial_positions: First measured positions [rad; m], shape (E, n).
+        initial_positions: Positions at the start of a rollout [rad; m], shape (E, n).
         commands: Commands, shape (E, T, n); the last one is repeated after the end of a shorter episode.
         measured: Positions after each command [rad; m], shape (E, T, n).
         mask: Whether a row was recorded, shape (E, T).
         numbers: Numbers of the episodes in the dataset, shape (E,).
         initial_velocities: Velocities at the start of a rollout [rad/s; m/s], shape (E, n); 0 for a start at rest.
-        estimated_velocities: Their estimates from the recording [rad/s; m/s], shape (E, n). A fit may move
-            `initial_velocities` within the uncertainty of these.
+        estimated_positions: First measured positions [rad; m], shape (E, n).
+        estimated_velocities: Estimated initial velocities [rad/s; m/s], shape (E, n).
         velocity_deviations: Standard deviations of `estimated_velocities` [rad/s; m/s], shape (E, n); 0 for a start at
-            rest.
+            rest. Where they are not 0, a fit may move the initial state within the uncertainty of its estimates.
         measured_velocities: Velocities after each command [rad/s; m/s], shape (E, T, n); NaN if not measured.
         noise: Standard deviation of the position readings [rad; m], shape (n,).
         initial_loads: Assumed `InitialLoad` of each joint, which is not measured, shape (E, n).
@@ -61,6 +61,7 @@ class EpisodeBatch:
     mask: np.ndarray
     numbers: np.ndarray
     initial_velocities: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    estimated_positions: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     estimated_velocities: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     velocity_deviations: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     measured_velocities: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 0)))
@@ -74,6 +75,7 @@ class EpisodeBatch:
     def __post_init__(self) -> None:
         first, commands = self.initial_positions, self.commands
         self._set_default("initial_velocities", np.zeros_like(first, dtype=float))
+        self._set_default("estimated_positions", first)
         self._set_default("estimated_velocities", self.initial_velocities)
         self._set_default("velocity_deviations", np.zeros_like(self.initial_velocities))
         self._set_default("measured_velocities", np.full(commands.shape, np.nan))
@@ -125,6 +127,31 @@ class EpisodeBatch:
 
     def __len__(self) -> int:
         return len(self.initial_positions)
+
+    @property
+    def start_deviations(self) -> np.ndarray:
+        """Standard deviations of initial positions, then velocities [rad, rad/s; m, m/s], shape (E, 2n).
+
+        They are 0 for a joint that starts at rest.
+        """
+        moves = self.velocity_deviations > 0
+        return np.concatenate([moves * self.noise, self.velocity_deviations], axis=1)
+
+    @property
+    def start_changes(self) -> np.ndarray:
+        """Initial positions, then velocities, minus their estimates [rad, rad/s; m, m/s], shape (E, 2n)."""
+        positions = self.initial_positions - self.estimated_positions
+        return np.concatenate([positions, self.initial_velocities - self.estimated_velocities], axis=1)
+
+    def with_start_changes(self, changes: np.ndarray | float) -> "EpisodeBatch":
+        """Return the episodes with other `start_changes`."""
+        n = len(self.joints)
+        changes = np.broadcast_to(changes, (len(self), 2 * n))
+        return replace(
+            self,
+            initial_positions=self.estimated_positions + changes[:, :n],
+            initial_velocities=self.estimated_velocities + changes[:, n:],
+        )
 
     @property
     def initial(self) -> np.ndarray:
@@ -267,6 +294,7 @@ def cut_window(evidence: EpisodeBatch, episode: int, first: int, steps: int) -> 
     return replace(
         part,
         initial_positions=start,
+        estimated_positions=start,
         commands=part.commands[:, rows],
         measured=part.measured[:, rows],
         mask=part.mask[:, rows],

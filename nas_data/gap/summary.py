@@ -18,6 +18,11 @@ VERDICTS = {
 RETUNED_FAR = (
     "No effect is named: the model's own parameters reduce the gap to the noise, but change by more than 25 %."
 )
+IN_MOTION = (
+    "The error is above the noise floor because episodes begin in motion, "
+    "in states that are estimated from noisy readings."
+)
+MAX_OVER_FLOOR = 3.0  # noise floors of the pooled error, above which an explained gap needs that sentence
 MOST_RETUNED = 6  # most base parameters listed, those that changed most
 DELIVERED = {
     "names and plain": "model.xml has the named effects and all changes of the plain fit: with the named effects only, "
@@ -59,6 +64,9 @@ def list_findings(report: GapReport) -> list[str]:
         lines.append("retuned: " + ", ".join(changed) + (f", and {more} more, in report.html" if more else ""))
     beside = f" of the hinges, {describe_errors(gap.slides)} of the slides" if gap.slides else ""
     lines.append(f"open-loop error on held-out episodes: {describe_errors(gap)}{beside}, in {report.seconds:.0f} s")
+    is_explained = report.verdict not in ("partly_explained", "unexplained")
+    if is_explained and gap.noise_floor and gap.after > MAX_OVER_FLOOR * gap.noise_floor:
+        lines.append(IN_MOTION)
     if gap.delivered in DELIVERED:
         lines.append(DELIVERED[gap.delivered])
     if report.next_experiment:

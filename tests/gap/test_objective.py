@@ -10,9 +10,11 @@ from support.evidence_samples import QUANTUM, measured
 from support.search_samples import arm, played, tasks
 
 from nas_data.effects.base import parse
+from nas_data.gap.compose import compute_rests
+from nas_data.gap.floor import compute_floor_ratios
 from nas_data.gap.nominal import with_timestep
 from nas_data.gap.search.fit import evaluate_loss, fit
-from nas_data.gap.search.objective import MAX_VELOCITY_STEP, FitTask, ObjectiveMismatch, Score
+from nas_data.gap.search.objective import MAX_START_CHANGE, FitTask, ObjectiveMismatch, Score
 from nas_data.gap.search.parameters import FreeParameters, select_free_base
 from nas_data.gap.search.timestep import choose_timestep
 
@@ -108,18 +110,37 @@ def test_starts_move_within_their_doubt_towards_what_explains_the_motion(off: fl
         ),
         np.full(2, 1e-4),
     )
-    begun = task.estimate_initial_velocities((), {}).evidence
-    assert np.all(np.abs(begun.initial_velocities - told) <= MAX_VELOCITY_STEP * doubts + 1e-12)
+    begun = task.estimate_initial_states((), {}).evidence
+    assert np.all(np.abs(begun.initial_velocities - told) <= MAX_START_CHANGE * doubts + 1e-12)
     apart = np.abs(begun.initial_velocities - true).max()
-    assert apart < 0.5 * np.abs(told - true).max() + 1e-3 or abs(off) > MAX_VELOCITY_STEP
+    assert apart < 0.5 * np.abs(told - true).max() + 1e-3 or abs(off) > MAX_START_CHANGE
     assert task.misfit(nominal.predict(begun)) <= task.misfit(nominal.predict(task.evidence)) + 1e-9
     assert np.array_equal(begun.estimated_velocities, told)
-    again = replace(task, evidence=begun).estimate_initial_velocities((), {}).evidence
+    again = replace(task, evidence=begun).estimate_initial_states((), {}).evidence
     assert np.allclose(again.initial_velocities, begun.initial_velocities), "what was told does not wander"
 
 
 def test_what_begins_at_rest_stays_at_rest():
     nominal, evidence = played(arm(), ["viscous_friction:joint=j2,coefficient=0.03"])
     effects = (parse("backlash:joint=j1,half_width=0.02"),)
-    begun = FitTask(nominal, evidence, np.full(2, 1e-4)).estimate_initial_velocities(effects, {}).evidence
+    begun = FitTask(nominal, evidence, np.full(2, 1e-4)).estimate_initial_states(effects, {}).evidence
     assert np.array_equal(begun.initial_velocities, np.zeros_like(begun.initial_velocities))
+
+
+def test_a_rest_does_not_contain_what_an_estimated_initial_state_adds():
+    """Initial velocities are estimated wrong by two standard deviations; the model is right."""
+    nominal, evidence = played(arm(motors=True))
+    estimated = np.full(evidence.initial_positions.shape, 0.1)
+    truth = nominal.predict(replace(evidence, initial_velocities=estimated + 0.02))
+    began = replace(
+        evidence,
+        measured=truth,
+        initial_velocities=estimated,
+        estimated_velocities=estimated,
+        velocity_deviations=np.full(estimated.shape, 0.01),
+    )
+    task = FitTask(nominal, began, np.full(2, 1e-4))
+    predicted = nominal.predict(began)
+    assert compute_floor_ratios(began.mean_squares(predicted), task.floor).min() > 3
+    assert compute_rests(task, predicted, (), {}).max() < 1
+    assert compute_rests(task, predicted, [parse("rotor_inertia:joint=j1,inertia=0.01")], {}).max() > 3

@@ -12,11 +12,11 @@ from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.integrator import find_whole_step
 from nas_data.gap.nominal import Nominal, find_fine_timestep, with_timestep
 from nas_data.gap.nominal_parameters import scale_base_parameters
-from nas_data.gap.search.constants import CORRELATION, ERROR_SHARE, GAIN_SHARE
+from nas_data.gap.search.constants import CORRELATION, ERROR_SHARE, GAIN_SHARE, MAX_ROUNDS, PRICE
 from nas_data.gap.search.parameters import FreeParameters
 
 MULTIPLES = (4, 2)  # multiples of the model's timestep for rollouts of a search, tried in this order
-MAX_VELOCITY_STEP = 3.0  # standard deviations by which an initial velocity may change
+MAX_START_CHANGE = 3.0  # standard deviations by which an initial position or velocity may change
 
 OBJECTIVES = count()
 
@@ -141,7 +141,7 @@ class FitTask:
     def reestimate(self, parameters: FreeParameters, theta: np.ndarray) -> "FitTask":
         """Return the task with initial states and timestep correction estimated anew, as a new objective."""
         effects, factors = parameters.effects_at(theta), parameters.factors_at(theta)
-        task = self.infer_initial_loads(effects, factors).estimate_initial_velocities(effects, factors)
+        task = self.infer_initial_loads(effects, factors).estimate_initial_states(effects, factors)
         return task.correct_timestep(effects, factors).with_new_objective()
 
     def infer_initial_loads(self, effects: Sequence[Effect], factors: dict[str, float]) -> "FitTask":
@@ -151,40 +151,49 @@ class FitTask:
         except ModelFileError:
             return self
 
-    def estimate_initial_velocities(self, effects: Sequence[Effect], factors: dict[str, float]) -> "FitTask":
-        """Return the task with initial velocities moved, within their uncertainty, towards the motion.
+    def estimate_initial_states(self, effects: Sequence[Effect], factors: dict[str, float]) -> "FitTask":
+        """Return the task with initial states moved, within their uncertainty, towards the motion.
 
-        Each episode takes one Gauss-Newton step of v₀ on ½ Σ w² e² + ½ Σ ((v₀ − v̂₀) / σ)². The step is kept if it
-        lowers this sum. Episodes that begin at rest are not changed.
+        Each episode that begins in motion takes Gauss-Newton steps of its initial state x on ½ Σ w² e² + ½ Σ ((x − x̂)
+        / σ)². A step is kept if it lowers misfit plus prior; there are more while this gains as much as the price of an
+        effect.
         """
-        estimated = replace(self.evidence, initial_velocities=self.evidence.estimated_velocities)
-        moving = np.flatnonzero((estimated.velocity_deviations > 0).any(axis=1))
+        estimated = self.evidence.with_start_changes(0.0)
+        moving = np.flatnonzero((estimated.start_deviations > 0).any(axis=1))
         if not len(moving):
             return replace(self, evidence=estimated)
-        part = estimated.select(moving)
+        task = replace(self, evidence=estimated).select(moving)
         try:
-            predicted = self.rollout_model.predict(part, effects, factors)
-            jacobian = np.zeros((len(part.joints), *predicted.shape))
-            for joint in range(len(part.joints)):
-                if (part.velocity_deviations[:, joint] > 0).any():
-                    shift = np.zeros(part.initial_velocities.shape)
-                    shift[:, joint] = np.maximum(part.velocity_deviations[:, joint], 1e-6)
-                    other = self.rollout_model.predict(
-                        replace(part, initial_velocities=part.initial_velocities + shift), effects, factors
-                    )
-                    jacobian[joint] = (other - predicted) / shift[:, joint][:, None, None]
-            weights = self.weights(predicted, part)
-            step = solve_velocity_steps(part.errors(predicted) * weights, jacobian * weights, part.velocity_deviations)
-            moved = replace(part, initial_velocities=part.initial_velocities + step)
-            reached = self.rollout_model.predict(moved, effects, factors)
+            for _ in range(MAX_ROUNDS):
+                moved, gained = task.step_initial_states(effects, factors)
+                task = replace(task, evidence=moved)
+                if gained < PRICE:
+                    break
         except ModelFileError:
             return replace(self, evidence=estimated)
-        cost = ((part.errors(predicted) * weights) ** 2).sum((1, 2))
-        prior = ((step / np.where(part.velocity_deviations > 0, part.velocity_deviations, np.inf)) ** 2).sum(1)
-        better = ((part.errors(reached) * weights) ** 2).sum((1, 2)) + prior < cost
-        speeds = estimated.initial_velocities.copy()
-        speeds[moving] += np.where(better[:, None], step, 0.0)
-        return replace(self, evidence=replace(estimated, initial_velocities=speeds))
+        changes = estimated.start_changes
+        changes[moving] = task.evidence.start_changes
+        return replace(self, evidence=estimated.with_start_changes(changes))
+
+    def step_initial_states(self, effects: Sequence[Effect], factors: dict[str, float]) -> tuple[EpisodeBatch, float]:
+        """Return the episodes after one step of their initial states, and what it gained [nats]."""
+        part = self.evidence
+        deviations, before = part.start_deviations, part.start_changes
+        predicted = self.roll_out(part, effects, factors)
+        jacobian = np.zeros((deviations.shape[1], *predicted.shape))
+        for column in np.flatnonzero((deviations > 0).any(axis=0)):
+            shift = np.zeros(deviations.shape)
+            shift[:, column] = np.maximum(deviations[:, column], 1e-6)
+            change = self.roll_out(part.with_start_changes(before + shift), effects, factors) - predicted
+            jacobian[column] = change / shift[:, column][:, None, None] * part.mask[..., None]
+        weights = self.weights(predicted)
+        errors = part.errors(predicted) - np.einsum("cetn,ec->etn", jacobian, before)  # at the estimates
+        after = solve_initial_states(errors * weights, jacobian * weights, deviations)
+        reached = self.roll_out(part.with_start_changes(after), effects, factors)
+        gains = (self.misfits(predicted) - self.misfits(reached)).sum(1)
+        gains += measure_prior(before, deviations) - measure_prior(after, deviations)
+        kept = part.with_start_changes(np.where(gains[:, None] > 0, after, before))
+        return kept, float(np.maximum(gains, 0.0).sum())
 
     def correct_timestep(self, effects: Sequence[Effect], factors: dict[str, float]) -> "FitTask":
         """Return the task with a timestep correction at a hypothesis, and a longer timestep if errors are large.
@@ -254,10 +263,13 @@ class FitTask:
     def predict(self, parameters: FreeParameters, theta: np.ndarray) -> np.ndarray | None:
         """Return predicted positions at θ [rad; m], shape (E, T, n); None if the model diverges."""
         try:
-            effects, factors = parameters.effects_at(theta), parameters.factors_at(theta)
-            return self.rollout_model.predict(self.evidence, effects, factors) + self.correction
+            return self.roll_out(self.evidence, parameters.effects_at(theta), parameters.factors_at(theta))
         except ModelFileError:
             return None
+
+    def roll_out(self, evidence: EpisodeBatch, effects: Sequence[Effect], factors: dict[str, float]) -> np.ndarray:
+        """Return the corrected positions of the task's episodes, with any initial states, shape (E, T, n) [rad; m]."""
+        return self.rollout_model.predict(evidence, effects, factors) + self.correction
 
     @property
     def observations(self) -> np.ndarray:
@@ -277,31 +289,35 @@ class FitTask:
         squares = self.evidence.mean_squares(predicted)
         return np.asarray(0.5 * self.observations * np.log(self.tolerance + squares))
 
-    def weights(self, predicted: np.ndarray, evidence: EpisodeBatch | None = None) -> np.ndarray:
+    def weights(self, predicted: np.ndarray) -> np.ndarray:
         """Return the weight of each error in the equivalent least squares, shape (E, 1, n).
 
         Args:
             predicted: Positions [rad; m], shape (E, T, n).
-            evidence: Episodes of the positions; those of the task if None.
         """
-        squares = (evidence or self.evidence).mean_squares(predicted)
+        squares = self.evidence.mean_squares(predicted)
         share = self.evidence.period / CORRELATION
         return np.asarray(np.sqrt(share / (self.tolerance + squares)))[:, None]
 
 
-def solve_velocity_steps(errors: np.ndarray, jacobian: np.ndarray, deviations: np.ndarray) -> np.ndarray:
-    """Return the changes of the initial velocities that minimise weighted errors and prior [rad/s; m/s], shape (E, n).
+def solve_initial_states(errors: np.ndarray, jacobian: np.ndarray, deviations: np.ndarray) -> np.ndarray:
+    """Return the changes of c initial coordinates that minimise weighted errors and prior, shape (E, c).
 
     Args:
         errors: Weighted errors, shape (E, T, n).
-        jacobian: Weighted derivatives of the positions by the velocities, shape (n, E, T, n).
-        deviations: Standard deviations of the velocities [rad/s; m/s], shape (E, n); 0 if certain.
+        jacobian: Weighted derivatives of the positions by the coordinates, shape (c, E, T, n).
+        deviations: Standard deviations of the coordinates, shape (E, c); 0 if certain.
     """
-    step = np.zeros(deviations.shape)
+    change = np.zeros(deviations.shape)
     for episode, deviation in enumerate(deviations):
         free = np.flatnonzero(deviation > 0)
         if len(free):
             rows = jacobian[free, episode].reshape(len(free), -1) * deviation[free][:, None]
             scaled = np.linalg.solve(rows @ rows.T + np.eye(len(free)), -rows @ errors[episode].ravel())
-            step[episode, free] = deviation[free] * np.clip(scaled, -MAX_VELOCITY_STEP, MAX_VELOCITY_STEP)
-    return step
+            change[episode, free] = deviation[free] * np.clip(scaled, -MAX_START_CHANGE, MAX_START_CHANGE)
+    return change
+
+
+def measure_prior(changes: np.ndarray, deviations: np.ndarray) -> np.ndarray:
+    """Return ½ Σ (change / σ)² of initial states, shape (E,), from shapes (E, c); certain coordinates do not count."""
+    return np.asarray(0.5 * ((changes / np.where(deviations > 0, deviations, np.inf)) ** 2).sum(1))
