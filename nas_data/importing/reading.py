@@ -9,7 +9,7 @@ import numpy as np
 
 from nas_data.count_of import count_of
 from nas_data.dataset.audits.timing import find_holes
-from nas_data.dataset.features import EFFORT, POSITION, VELOCITY
+from nas_data.dataset.features import EFFORT, POSITION, VELOCITY, are_generated
 from nas_data.dataset.recording import Recording
 from nas_data.errors import LogError, MapError
 from nas_data.importing.conversion import TIME_UNITS, decode
@@ -228,7 +228,7 @@ def _match_components(table: LogTable, quantity: LogQuantity, source: LogColumns
         MapError: a joint is missing; the message lists the available names.
     """
     there = table.names.get(source.columns[0]) if len(source.columns) == 1 else None
-    if there is None or source.components:
+    if there is None or source.components or (not source.names and are_generated(source.columns[0], there)):
         return source
     suffixes = [SUFFIXES.get(kind) for kind in quantity.conversion.kinds]
     if None in suffixes and not source.names:
