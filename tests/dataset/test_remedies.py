@@ -470,6 +470,7 @@ def test_what_another_program_writes_is_left_until_it_ends_as_is_said(here, caps
         shutil.copytree(whole, hidden, dirs_exist_ok=True)
         said = refused(capsys, "recover", str(hidden))
         assert "is being written by a running process; wait until it ends, or end it first." in said
+        hidden.rename(here / "d")
     assert main(["recover", "d"]) == 0 and read(here / "d").n_episodes == 3
 
 
