@@ -339,10 +339,11 @@ def test_a_dataset_in_another_unit_is_imported_by_the_command_that_is_named(here
         columns = {key: 300 * positions() for key in features}
         write(Dataset(features, columns, np.array([60]), 50.0, "arm2"), root, SIMULATED)
         (root / layout.PROVENANCE).unlink()
-    said = refused(capsys, "pair", "d", "--model", "arm.xml")
-    assert "of joint j1 is in deg, rad is needed" in said if unit else "which cannot be radians (degrees or" in said
-    (command,) = commands_in(said)
-    assert command == ["import", "d", "--unit", "deg"]
+    for use in (["pair", "d", "--model", "arm.xml"], ["import", "d", "--out", "never"]):
+        said = refused(capsys, *use)
+        assert "of joint j1 is in deg, rad is needed" in said if unit else "which cannot be radians (degrees or" in said
+        (command,) = commands_in(said)
+        assert command == ["import", "d", "--unit", "deg"]
     assert main([*command, "--out", "done"]) == 0
 
 

@@ -10,8 +10,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from support.import_samples import columns_of, map_text, motion, write_log, write_map
+from support.lerobot_samples import ARM, write_calibration
 
 from nas_data.cli import main
+from nas_data.dataset import layout
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import ACTION, STATE, make_position_feature
+from nas_data.dataset.provenance import Provenance
+from nas_data.dataset.write import write
 
 Write = Callable[[], object]
 FILES = '[files]\nstate = "state.npz"\ncontrol = "control.npz"\n[join]\nmethod = "nearest"\ntolerance = 0.05'
@@ -41,11 +47,17 @@ class Refusal:
     log: str = "log"
 
 
+def place(path: str) -> Path:
+    """Make the folder of a file."""
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    return Path(path)
+
+
 def npz(path: str = "log/log.npz", rows: int = 120, **changes: np.ndarray | None) -> Write:
     """A writer of the sample columns, some of them changed or, as None, left out."""
     columns = {key: column[:rows] for key, column in SAMPLE.items()} | changes
     kept = {key: column for key, column in columns.items() if column is not None}
-    return lambda: Path(path).parent.mkdir(parents=True, exist_ok=True) or write_log(Path(path), kept)
+    return lambda: write_log(place(path), kept)
 
 
 def parquet(kept: slice = slice(None), **changes: object) -> Write:
@@ -53,17 +65,17 @@ def parquet(kept: slice = slice(None), **changes: object) -> Write:
     columns = {key: pa.array(column.tolist()) for key, column in SAMPLE.items()}
     columns |= {key: column if isinstance(column, pa.Array) else pa.array(column) for key, column in changes.items()}
     rows = np.arange(120)[kept]
-    return lambda: Path("log").mkdir(exist_ok=True) or pq.write_table(pa.table(columns).take(rows), "log/log.parquet")
+    return lambda: pq.write_table(pa.table(columns).take(rows), place("log/log.parquet"))
 
 
 def csv(**changes: np.ndarray) -> Write:
-    return lambda: Path("log").mkdir(exist_ok=True) or write_log(Path("log/log.csv"), SAMPLE | changes)
+    return lambda: write_log(place("log/log.csv"), SAMPLE | changes)
 
 
 def text(name: str, content: str | bytes) -> Write:
     """A writer of a file whose content is given."""
     data = content if isinstance(content, bytes) else content.encode()
-    return lambda: Path("log").mkdir(exist_ok=True) or (Path("log") / name).write_bytes(data)
+    return lambda: place(f"log/{name}").write_bytes(data)
 
 
 def both(*writers: Write) -> Write:
@@ -73,7 +85,7 @@ def both(*writers: Write) -> Write:
 def state_and_control(rows: int, state: Mapping[str, np.ndarray] | None = None, time: bool = True) -> Write:
     """A writer of a log of two files, of which one has some of the commands."""
     without = {} if time else {"t": None}
-    held = npz("log/state.npz", goal=None, **without, **(state or {}))
+    held = npz("log/state.npz", 120, goal=None, **without, **(state or {}))
     return both(held, npz("log/control.npz", rows, q=None, dq=None, **without))
 
 
@@ -81,8 +93,7 @@ def tensors(content: Callable[[], object]) -> Write:
     def write() -> None:
         import torch
 
-        Path("log").mkdir(exist_ok=True)
-        torch.save(content(), "log/log.pt")
+        torch.save(content(), place("log/log.pt"))
 
     return write
 
@@ -349,3 +360,88 @@ def test_a_log_is_imported_once_it_is_changed_as_is_said(here, capsys, name):
     assert refusal.said in said, said
     for number, remedy in enumerate(refusal.remedies):
         assert import_log(here, remedy, "log", f"done{number}") == 0, capsys.readouterr().err
+
+
+def lerobot(joints: tuple[str, ...] = ("j1", "j2")) -> Path:
+    """A dataset in degrees, as another tool leaves it."""
+    positions = np.degrees(0.5 * np.sin(np.arange(60)[:, None] / 50 * [2.0, 3.0])).astype(np.float32)
+    features = {key: make_position_feature(joints) for key in (STATE, ACTION)}
+    recorded = Dataset(features, {STATE: positions, ACTION: positions}, np.array([60]), 50.0, "arm2")
+    write(recorded, Path("d"), Provenance(how="simulated", robot="arm2", contiguous=True))
+    Path("d", layout.PROVENANCE).unlink()
+    return Path("d")
+
+
+IN_DEGREES = """format = "lerobot"
+robot = "arm2"
+joints = ["j1", "j2"]
+alignment = "action_follows_state"
+velocity = "derive"
+[read.position]
+unit = "deg"
+[read.command]
+unit = "deg"
+"""
+OPTIONS = {
+    "unit": (["d", "--unit", "grad"], "--unit is 'grad'; choose one of: deg", ["d", "--unit", "deg"]),
+    "rate": (
+        ["d", "--unit", "deg", "--rate", "-1"],
+        "--rate is -1; it must be above 0.",
+        ["d", "--unit", "deg", "--rate", "50"],
+    ),
+    "a file of it": (
+        ["d/meta/info.json", "--map", "map.toml"],
+        "d/meta/info.json is not a LeRobot dataset; give the folder of one.",
+        ["d", "--map", "map.toml"],
+    ),
+    "no log": (
+        ["e", "--map", "map.toml"],
+        "There is no log e; give recorded files or folders.",
+        ["d", "--map", "map.toml"],
+    ),
+    "no calibration": (
+        ["d", "--unit", "range"],
+        "--unit range cannot be converted without the calibration: add --calibration FILE",
+        ["d", "--unit", "range", "--calibration", "own.json"],
+    ),
+    "calibration elsewhere": (
+        ["d", "--unit", "range", "--calibration", "none.json"],
+        "There is no calibration file none.json; LeRobot keeps it in",
+        ["d", "--unit", "range", "--calibration", "own.json"],
+    ),
+    "another file": (
+        ["d", "--unit", "range", "--calibration", "arm.xml"],
+        "arm.xml is not a calibration file of LeRobot, which has drive_mode, range_min and range_max of each motor",
+        ["d", "--unit", "range", "--calibration", "own.json"],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_a_dataset_of_lerobot_is_imported_with_the_options_that_are_named(here, capsys, name):
+    wrong, said, right = OPTIONS[name]
+    lerobot()
+    Path("arm.xml").write_text(ARM)
+    Path("map.toml").write_text(IN_DEGREES)
+    write_calibration(here / "own.json", ("j1", "j2"))
+    assert main(["import", *wrong, "--out", "never"]) == 2
+    assert said in capsys.readouterr().err
+    assert main(["import", *right, "--out", "done"]) == 0, capsys.readouterr().err
+
+
+def test_a_gripper_takes_its_range_from_the_model_that_is_asked_for(here, capsys):
+    lerobot(("j1", "gripper"))
+    Path("arm.xml").write_text(ARM.replace('"j2"', '"gripper"'))
+    assert main(["import", "d", "--unit", "deg", "--out", "never"]) == 2
+    assert "gives as 0 … 100 of its range: add --model MODEL.xml, which has" in capsys.readouterr().err
+    assert main(["import", "d", "--unit", "deg", "--model", "arm.xml", "--out", "done"]) == 0
+
+
+def test_a_dataset_that_was_imported_is_used_as_it_is_by_the_commands_that_are_named(here, capsys):
+    lerobot()
+    Path("arm.xml").write_text(ARM)
+    assert main(["import", "d", "--unit", "deg", "--out", "done"]) == 0
+    assert main(["import", "done", "--unit", "deg", "--out", "again"]) == 2
+    assert "done is a dataset of nas already; use it as it is (nas info, nas pair, nas gap)." in capsys.readouterr().err
+    assert main(["info", "done"]) == 0
+    assert main(["pair", "done", "--model", "arm.xml", "--out", "paired"]) == 0
