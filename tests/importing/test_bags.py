@@ -21,6 +21,7 @@ from support.import_samples import write_map
 from nas_data.cli import main
 from nas_data.dataset.read import read
 from nas_data.errors import LogError, MapError
+from nas_data.importing.formats import read_tables
 from nas_data.importing.map_file import load_map
 from nas_data.recorders.logs import import_logs
 
@@ -391,3 +392,11 @@ def test_joints_without_a_topic_each_are_given_one_as_is_said(tmp_path):
     with pytest.raises(MapError, match=r"\[read.position\]: 'topic' names 1 topic; 2 are needed, one a joint\."):
         load_map(write_map(tmp_path, wrong))
     assert import_logs([tmp_path / "bag.mcap"], load_map(write_map(tmp_path, text))).dataset.n_frames > 90
+
+
+def test_a_bag_is_given_where_a_folder_is_none_as_is_said(tmp_path):
+    mapping = load_map(write_map(tmp_path, MAP.format(format="rosbag")))
+    (tmp_path / "logs.bag").mkdir()
+    with pytest.raises(LogError, match=r"logs\.bag cannot be read: .*; give a ROS 2 bag\."):
+        read_tables(tmp_path / "logs.bag", mapping.layout)
+    assert import_logs([write_rosbag(tmp_path / "bag")], mapping).dataset.n_frames == 199

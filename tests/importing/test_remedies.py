@@ -1,5 +1,6 @@
 """A log that is refused is imported once the log or the map is changed as the sentence says."""
 
+import re
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -239,6 +240,11 @@ REFUSALS = {
         Remedy(positions('column = "q"\ncomponents = [1, 2]'), WHOLE),
         (Remedy(positions('column = "q"\ncomponents = [0, 1]'), WHOLE),),
     ),
+    "other joints": Refusal(
+        "'q' has 2 numbers a row, but the map has 3 joints; correct 'joints', or pick with 'components'.",
+        Remedy(map_text(joints='["shoulder", "elbow", "hand"]'), WHOLE),
+        (Remedy(map_text(), WHOLE),),
+    ),
     "rows unlike times": Refusal(
         "log.npz: 'goal' has 119 rows, but its times are 120; they must be equally many.",
         Remedy(map_text(), npz(goal=SAMPLE["goal"][:119])),
@@ -259,6 +265,14 @@ REFUSALS = {
         "give them equally many rows, or name their time column in [read.time].",
         Remedy(NO_CLOCK, state_and_control(60)),
         (Remedy(NO_CLOCK, state_and_control(120)), Remedy(TWO_FILES, state_and_control(60))),
+    ),
+    "a file out of order": Refusal(
+        "control.npz: the time decreases or is not a number in rows 1–119 (counted from 0); sort or repair the file.",
+        Remedy(
+            TWO_FILES,
+            both(state_and_control(120), npz("log/control.npz", 120, q=None, dq=None, t=SAMPLE["t"][::-1])),
+        ),
+        (Remedy(TWO_FILES, state_and_control(120)),),
     ),
     "no column of an episode": Refusal(
         "one value a row; name such a column in [read.episode].",
@@ -362,6 +376,112 @@ def test_a_log_is_imported_once_it_is_changed_as_is_said(here, capsys, name):
         assert import_log(here, remedy, "log", f"done{number}") == 0, capsys.readouterr().err
 
 
+def without_row(number: int) -> Callable[[bytes], bytes]:
+    """Return a function that removes a line of a text."""
+    return lambda content: b"".join(line for row, line in enumerate(content.splitlines(keepends=True)) if row != number)
+
+
+def with_cell(row: int, old: str, new: str) -> Callable[[bytes], bytes]:
+    """Return a function that changes a line of a text."""
+
+    def change(content: bytes) -> bytes:
+        lines = content.decode().splitlines(keepends=True)
+        lines[row] = re.sub(old, new, lines[row], count=1)
+        return "".join(lines).encode()
+
+    return change
+
+
+def whole(content: bytes) -> bytes:
+    return content
+
+
+LAST = 120  # line of the last row
+VECTOR = r'"\[[^"]*"'
+BROKEN = {
+    "empty": (".csv", lambda content: b"", "log.csv is empty; give a log with recorded rows.", whole),
+    "header only": (
+        ".csv",
+        lambda content: content.splitlines()[0] + b"\n",
+        "holds no rows; give a log with recorded rows.",
+        whole,
+    ),
+    "cut archive": (
+        ".npz",
+        lambda content: content[:-100],
+        "log.npz is cut off: its last part is missing; copy it again from where it was recorded.",
+        whole,
+    ),
+    "damaged archive": (
+        ".npz",
+        lambda content: content[:300] + bytes(40) + content[340:],
+        "restore it from a copy.",
+        whole,
+    ),
+    "cut Parquet": (
+        ".parquet",
+        lambda content: content[:-50],
+        "log.parquet is cut off: its end is missing; copy it again, or let the recorder close its file.",
+        whole,
+    ),
+    "cut JSON": (
+        ".json",
+        lambda content: content[:-40],
+        "log.json is cut off in line 1; copy it again, or let the recorder close its file.",
+        whole,
+    ),
+    "JSON": (
+        ".json",
+        lambda content: content.replace(b",", b";", 1),
+        "is not valid JSON; repair it there.",
+        whole,
+    ),
+    "JSON in UTF-16": (
+        ".json",
+        lambda content: content.decode().encode("utf-16"),
+        "log.json cannot be read as json: it is not in UTF-8; save it in that encoding.",
+        whole,
+    ),
+    "word": (".csv", with_cell(LAST, r"^[^,]+", "soon"), "holds 'soon' in row 119", without_row(LAST)),
+    "short list": (
+        ".csv",
+        with_cell(LAST, VECTOR, '"[0.1]"'),
+        "a JSON list of 2 numbers is needed in every row.",
+        without_row(LAST),
+    ),
+    "no list": (
+        ".csv",
+        with_cell(LAST, VECTOR, ""),
+        "the column 'q' is empty in row 119 (line 121 of log.csv); remove these rows.",
+        without_row(LAST),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_damaged_log_is_imported_once_it_is_repaired_as_is_said(here, capsys, name):
+    suffix, spoil, said, mend = BROKEN[name]
+    path = write_log(here / f"log{suffix}", SAMPLE)
+    content = path.read_bytes()
+    write_map(here, map_text(suffix))
+    path.write_bytes(spoil(content))
+    assert main(["import", path.name, "--map", "map.toml", "--out", "never"]) == 2
+    assert said in (told := capsys.readouterr().err), told
+    path.write_bytes(mend(content))
+    assert main(["import", path.name, "--map", "map.toml", "--out", "done"]) == 0, capsys.readouterr().err
+
+
+def test_a_log_of_another_format_is_given_with_its_map_as_is_said(here, capsys):
+    write_log(here / "log.csv", SAMPLE)
+    write_log(here / "log.npz", SAMPLE)
+    write_map(here)
+    assert main(["import", "log.csv", "--map", "map.toml", "--out", "never"]) == 2
+    assert "says format = 'npz'; give a log of that format, or another map." in capsys.readouterr().err
+    assert main(["import", "log.npz", "--map", "map.toml", "--out", "one"]) == 0
+    write_map(here, map_text(".csv"))
+    assert main(["import", "log.csv", "--map", "map.toml", "--out", "other"]) == 0
+
+
 def lerobot(joints: tuple[str, ...] = ("j1", "j2")) -> Path:
     """A dataset in degrees, as another tool leaves it."""
     positions = np.degrees(0.5 * np.sin(np.arange(60)[:, None] / 50 * [2.0, 3.0])).astype(np.float32)
@@ -427,6 +547,27 @@ def test_a_dataset_of_lerobot_is_imported_with_the_options_that_are_named(here, 
     assert main(["import", *wrong, "--out", "never"]) == 2
     assert said in capsys.readouterr().err
     assert main(["import", *right, "--out", "done"]) == 0, capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "mended",
+    [
+        IN_DEGREES,
+        IN_DEGREES.replace('["j1", "j2"]', '["a", "b"]').replace("unit =", 'names = ["j1.pos", "j2.pos"]\nunit ='),
+    ],
+    ids=["joints", "names"],
+)
+def test_components_of_other_names_are_named_in_the_map_as_is_said(here, capsys, mended):
+    lerobot()
+    write_map(here, IN_DEGREES.replace('["j1", "j2"]', '["a", "b"]'))
+    assert main(["import", "d", "--map", "map.toml", "--out", "never"]) == 2
+    said = capsys.readouterr().err
+    assert (
+        "has no component 'a.pos'; it has: j1.pos, j2.pos. Name them in 'joints' of the map, or with names = […]"
+        in said
+    )
+    write_map(here, mended)
+    assert main(["import", "d", "--map", "map.toml", "--out", "done"]) == 0
 
 
 def test_a_gripper_takes_its_range_from_the_model_that_is_asked_for(here, capsys):
