@@ -10,12 +10,13 @@ from nas_data.errors import DatasetInvalid
 LARGEST = 1e150  # beyond it the squares in the statistics overflow float64
 
 
-def check_finite(dataset: Dataset, where: str) -> None:
+def check_finite(dataset: Dataset, where: str, drop: str = "drop that episode") -> None:
     """Refuse NaN, infinity, and values that overflow the type in which they are stored.
 
     Args:
         dataset: The dataset.
         where: Its name in error messages, a path or "the dataset".
+        drop: How to drop an episode, for the error message.
 
     Raises:
         DatasetInvalid: names feature, component, episode and frame of the first such value.
@@ -30,8 +31,8 @@ def check_finite(dataset: Dataset, where: str) -> None:
         episode = int(np.searchsorted(dataset.starts, row, side="right")) - 1
         raise DatasetInvalid(
             f"{where}: the feature '{key}' ({dataset.features[key].names[component]}) is {column[row, component]} "
-            f"in episode {episode}, frame {row - int(dataset.starts[episode])}; drop that episode, or repair the data "
-            "that it was made from."
+            f"in episode {episode}, frame {row - int(dataset.starts[episode])}; {drop}, or repair the data that it "
+            "was made from."
         )
 
 
@@ -47,10 +48,11 @@ def check_storable(dataset: Dataset, where: str) -> None:
         DatasetInvalid: a feature, episode or rate is invalid; the message says what would be right.
     """
     if not dataset.n_episodes or not (np.asarray(dataset.lengths) > 0).all():
-        raise DatasetInvalid(f"{where} holds no episode or an empty one; each needs at least one frame.")
+        raise DatasetInvalid(f"{where} holds no episode or an empty one; leave it out, each needs at least one frame.")
     if len(dataset.tasks) != dataset.n_episodes:
         raise DatasetInvalid(
-            f"{where} names {count_of(len(dataset.tasks), 'task')} for {count_of(dataset.n_episodes, 'episode')}."
+            f"{where} names {count_of(len(dataset.tasks), 'task')} for {count_of(dataset.n_episodes, 'episode')}; give "
+            "one for each."
         )
     if not (np.isfinite(dataset.fps) and dataset.fps > 0):
         raise DatasetInvalid(f"{where} has a rate of {dataset.fps} Hz; a positive number is needed.")
@@ -65,9 +67,9 @@ def _find_storage_problem(key: str, dtype: str, width: int) -> str | None:
     if key in AUTOMATIC:
         return "LeRobot fills this column by itself; choose another key"
     if not key or "/" in key:
-        return "LeRobot's keys are words without '/'"
+        return "LeRobot's keys are words without '/'; choose another key"
     if "image" in key:
         return "LeRobot takes keys with 'image' for pictures; choose another key"
     if dtype not in NUMERIC:
-        return f"its dtype is '{dtype}'; numbers and bool are stored"
-    return None if width else "it has no components"
+        return f"its dtype is '{dtype}'; convert it to numbers or bool"
+    return None if width else "it has no components; leave it out"

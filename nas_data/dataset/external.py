@@ -71,10 +71,8 @@ def refuse(root: Path, findings: Sequence[AuditFinding], dataset: Dataset) -> No
         )
     elif error.check == "time_gap":
         remedy = f"nas import {where} divides the episodes there"
-    elif error.check in ("time_backwards", "repeated_time"):
+    elif error.check in ("time_backwards", "repeated_time", "not_finite"):  # other values were checked when read
         remedy = f"import it and ignore its time stamps: nas import {where} --uniform"
-    elif error.check == "not_finite":
-        remedy = "remove these rows"
     else:
         remedy = import_command(root, dataset)
     raise DatasetInvalid(f"{root}: in {error.file} {error.what}; {remedy}.")

@@ -70,6 +70,11 @@ class Feature:
         return cls(names=tuple(str(name) for name in names), units=units, dtype=str(info["dtype"]))
 
 
+def are_generated(key: str, names: Sequence[str]) -> bool:
+    """Return whether the component names of a feature are those that are generated where none are stored."""
+    return all(name == key or name.startswith(f"{key}.") for name in names)
+
+
 def make_joint_feature(joints: Sequence[str], suffixes: Sequence[str], slides: Collection[str] = ()) -> Feature:
     """Return a feature with one component per joint and suffix, in the contract's units.
 

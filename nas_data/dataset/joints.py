@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import ACTION, EFFORT, POSITION, STATE, VELOCITY, Feature
+from nas_data.dataset.features import ACTION, EFFORT, POSITION, STATE, VELOCITY, Feature, are_generated
 from nas_data.errors import DatasetInvalid, JointMismatch
 
 LARGEST_ANGLE = 4 * np.pi  # [rad] two turns; servos and arms stay below, degrees exceed it
@@ -40,7 +40,7 @@ class Components:
         Raises:
             JointMismatch: the components have no names.
         """
-        if all(name == key or name.startswith(f"{key}.") for name in feature.names):
+        if are_generated(key, feature.names):
             raise JointMismatch(f"The components of '{key}' have no joint names; {REMEDY.replace('unit', 'joints')}.")
         found: dict[str, dict[str, int]] = {POSITION: {}, VELOCITY: {}, EFFORT: {}}
         bare = {}
@@ -118,7 +118,8 @@ def match_joints(state: Components, action: Components) -> tuple[str, ...]:
         raise JointMismatch(
             f"'{STATE}' has positions of {_join_names(state.positions)}"
             + (f" and velocities of {_join_names(state.velocities)}" if state.velocities else "")
-            + f", '{ACTION}' commands {_join_names(commanded)}; they must name the same joints."
+            + f", '{ACTION}' commands {_join_names(commanded)}; name the same joints in both, or name them in a map "
+            "(nas import --map)."
         )
     return joints
 

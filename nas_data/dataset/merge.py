@@ -167,11 +167,9 @@ def _check_features(a: Original, b: Original) -> None:
 
 def _describe_difference(a: Feature, b: Feature, where_a: Path, where_b: Path) -> str:
     """Return a phrase on how two features of one key differ."""
-    for what in ("names", "units", "dtype"):
-        here, there = getattr(a, what), getattr(b, what)
-        if here != there:
-            return f"has {what} {_format_names(here)} in {where_a} and {_format_names(there)} in {where_b}"
-    raise AssertionError("the features are equal")
+    what = next(what for what in ("names", "units", "dtype") if getattr(a, what) != getattr(b, what))
+    here, there = _format_names(getattr(a, what)), _format_names(getattr(b, what))
+    return f"has {what} {here} in {where_a} and {there} in {where_b}"
 
 
 def _format_names(value: str | tuple[str, ...]) -> str:

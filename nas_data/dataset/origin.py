@@ -48,6 +48,7 @@ CommandKind = Literal["position", "velocity", "torque"]
 Episodes = Array | Sequence[Array]
 KINDS: Mapping[str, str] = {"position": POSITION, "velocity": VELOCITY, "torque": EFFORT}
 REMEDIES = {
+    "rate": "correct 'rate', or the times",
     "command_sign": "reverse the sign of one of them, or give the kind of command: kind='torque' or 'velocity'",
     "unit_slip": "give radians and metres, numpy.radians(positions), or pass turns=True if a joint does turn that far",
 }
@@ -248,7 +249,7 @@ def check_options(rate: float, joints: Sequence[str], kinds: Sequence[str], slid
         )
     strange = [joint for joint in slides if joint not in joints]
     if strange:
-        raise JointMismatch(f"slides name '{strange[0]}', which is none of the joints {', '.join(joints)}.")
+        raise JointMismatch(f"slides name '{strange[0]}', which is no joint; choose among: {', '.join(joints)}.")
 
 
 def split_episodes(values: Episodes, width: int, what: str) -> list[Array]:
@@ -277,7 +278,9 @@ def zip_episodes(parts: list[Array], measured: list[Array], what: str) -> list[t
         DatasetInvalid: the numbers of episodes differ.
     """
     if len(parts) != len(measured):
-        raise DatasetInvalid(f"The positions are of {count_of(len(measured), 'episode')}, the {what} of {len(parts)}.")
+        raise DatasetInvalid(
+            f"The positions are of {count_of(len(measured), 'episode')}, the {what} of {len(parts)}; give equally many."
+        )
     return list(zip(parts, measured, strict=True))
 
 
@@ -288,7 +291,9 @@ def check_same_length(part: Array, rows: Array, what: str) -> bool:
         DatasetInvalid: the numbers of rows differ.
     """
     if len(part) != len(rows):
-        raise DatasetInvalid(f"An episode has {count_of(len(rows), 'row')} of positions and {len(part)} of {what}.")
+        raise DatasetInvalid(
+            f"An episode has {count_of(len(rows), 'row')} of positions and {len(part)} of {what}; give equally many."
+        )
     return True
 
 

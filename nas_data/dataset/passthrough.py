@@ -216,11 +216,9 @@ class PassthroughFeatures:
 
     def _find_source(self, row: int) -> tuple[PassthroughSource, int]:
         """Return the source of a row, and the row number in it."""
-        for source in self._sources:
-            if row < source.frames:
-                return source, row
-            row -= source.frames
-        raise IndexError(row)
+        ends = np.cumsum(self.frames)
+        index = int(np.searchsorted(ends, row, side="right"))
+        return self._sources[index], row - int(ends[index]) + self.frames[index]
 
 
 def shared_features(passthrough: Sequence[PassthroughFeatures | None]) -> list[str]:

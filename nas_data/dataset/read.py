@@ -1,5 +1,6 @@
 """The bulk reader of LeRobot v3.0 datasets: whole columns through pyarrow, without LeRobot."""
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -55,7 +56,7 @@ def read(path: Path) -> Dataset:
     stamps = rows.columns["timestamp"]
     if TIME not in features and contradicts_rate(dataset, stamps):
         dataset = with_clock(dataset, stamps)
-    check_finite(dataset, str(root))
+    check_finite(dataset, str(root), f"drop that episode ('nas recover {shlex.quote(str(root))} --beyond')")
     return dataset
 
 
@@ -144,7 +145,9 @@ def _copy(column: pa.ChunkedArray, out: np.ndarray, where: str) -> None:
                 f"{where} holds {column.type}, not numbers as {layout.INFO} defines; restore it from a copy."
             )
         if chunk.null_count or values.null_count or len(values) != len(chunk) * out.shape[1]:
-            raise DatasetInvalid(f"{where} holds missing values, or lists of another length than {out.shape[1]}.")
+            raise DatasetInvalid(
+                f"{where} holds missing values, or lists of another length than {out.shape[1]}; restore it from a copy."
+            )
         out[row : row + len(chunk)] = _view(values).reshape(len(chunk), out.shape[1])
         row += len(chunk)
 

@@ -73,7 +73,7 @@ def find_damaged(path: Path) -> Path:
     versions = [item for item in path.iterdir() if VERSION.fullmatch(item.name)] if path.is_dir() else []
     if versions:
         return max(versions, key=lambda item: int(item.name[1:].partition("-")[0]))
-    raise DatasetNotFound(f"There is nothing to rescue at {path}: neither a dataset nor an unfinished one.")
+    raise DatasetNotFound(f"There is nothing to rescue at {path}: neither a dataset nor an unfinished one; give one.")
 
 
 def find_destination(root: Path) -> tuple[Path, str]:

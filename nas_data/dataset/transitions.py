@@ -114,7 +114,10 @@ def _arrange_components(
     if feature == dataset.features[key]:
         return dataset
     if any(set(group) != set(joints) for group in groups):
-        raise JointMismatch(f"'{key}' names the joints {', '.join(groups[0])}; '{STATE}' names {', '.join(joints)}.")
+        raise JointMismatch(
+            f"'{key}' names the joints {', '.join(groups[0])}; '{STATE}' names {', '.join(joints)}; name the same in "
+            f"both, or leave '{key}' out."
+        )
     places = [group[joint] for group in groups for joint in joints]
     return dataset.with_column(key, feature, dataset.columns[key][:, places])
 

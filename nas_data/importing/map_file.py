@@ -235,7 +235,7 @@ def _parse_tables_of_joints(section: MapSection, layout: LogLayout, width: int) 
         return ()
     chosen = section.texts(key)
     if len(chosen) != width:
-        raise section.error(f"'{key}' names {len(chosen)}; {width} are needed, one a joint.")
+        raise section.error(f"'{key}' names {count_of(len(chosen), key)}; {width} are needed, one a joint.")
     _refuse_twice(section, key, chosen)
     unknown = next((one for one in chosen if one not in tables), None)
     if unknown is not None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from nas_data.count_of import count_of
 from nas_data.dataset.audits.timing import find_holes
-from nas_data.dataset.features import EFFORT, POSITION, VELOCITY
+from nas_data.dataset.features import EFFORT, POSITION, VELOCITY, are_generated
 from nas_data.dataset.recording import Recording
 from nas_data.errors import LogError, MapError
 from nas_data.importing.conversion import TIME_UNITS, decode
@@ -129,12 +129,16 @@ def _read_tables(log: Path, mapping: Map) -> dict[str, LogTable]:
     files = mapping.layout.files
     if files is None:
         if log.is_dir() and not find_folder_kind(mapping.layout.format):
-            raise LogError(f"{log} is a folder, but the map reads single {mapping.layout.format} files.")
+            raise LogError(
+                f"{log} is a folder, but the map reads single {mapping.layout.format} files; give the files."
+            )
         tables = read_tables(log, mapping.layout)
         named = {key for key, table in tables.items() if find_names_column(table, mapping)}
         return {key: arrange(table, _restrict(mapping, key), key, required=not named) for key, table in tables.items()}
     if not log.is_dir():
-        raise LogError(f"{log} is not a folder, but the map reads {', '.join(files.values())} from a folder.")
+        raise LogError(
+            f"{log} is not a folder, but the map reads {', '.join(files.values())} from a folder; give the folder."
+        )
     read = {key: read_table(log / name, mapping.layout) for key, name in files.items()}
     where = mapping.position.source.table
     return {key: arrange(table, _restrict(mapping, key), key, required=key == where) for key, table in read.items()}
@@ -153,7 +157,11 @@ def _read_times(tables: dict[str, LogTable], mapping: Map) -> dict[str, np.ndarr
     if not mapping.clock.column:
         counts = {key: len(table.numbers(_select_column(mapping, key))) for key, table in tables.items()}
         if len(set(counts.values())) > 1:
-            raise MapError(f"{tables[reference].path.parent}: files without a time column need equally many rows.")
+            rows = ", ".join(f"{tables[key].path.name} {count}" for key, count in counts.items())
+            raise MapError(
+                f"{tables[reference].path.parent}: the files are read without times but have different numbers of rows "
+                f"({rows}); give them equally many rows, or name their time column in [read.time]."
+            )
         return {key: np.arange(count) / mapping.rate for key, count in counts.items()}
     clock = mapping.clock
     ticks = {key: table.ticks(clock.columns.get(key, clock.column), clock.unit) for key, table in tables.items()}
@@ -220,7 +228,7 @@ def _match_components(table: LogTable, quantity: LogQuantity, source: LogColumns
         MapError: a joint is missing; the message lists the available names.
     """
     there = table.names.get(source.columns[0]) if len(source.columns) == 1 else None
-    if there is None or source.components:
+    if there is None or source.components or (not source.names and are_generated(source.columns[0], there)):
         return source
     suffixes = [SUFFIXES.get(kind) for kind in quantity.conversion.kinds]
     if None in suffixes and not source.names:
@@ -241,7 +249,9 @@ def _read_source(table: LogTable, source: LogColumns, width: int, count: int) ->
     if source.constant:
         value = table.constant(source.columns[0])
         if isinstance(value, str) or not np.isscalar(value):
-            raise LogError(f"{table.path}: the constant '{source.columns[0]}' is {value!r}, not a number.")
+            raise LogError(
+                f"{table.path}: the constant '{source.columns[0]}' is {value!r}, not a number; name another one."
+            )
         return np.full((count, width), float(str(value)))
     parts = [table.numbers(name) for name in source.columns]
     if len(parts) > 1:
@@ -249,7 +259,8 @@ def _read_source(table: LogTable, source: LogColumns, width: int, count: int) ->
         if vectors or len({len(part) for part in parts}) > 1:
             name = vectors[0] if vectors else source.columns[-1]
             raise LogError(
-                f"{table.path}: '{name}' does not have one number per row, unlike the other columns named with it."
+                f"{table.path}: '{name}' does not have one number per row, unlike the other columns named with it; "
+                "name columns with one number per row in 'columns', or one of vectors in 'column'."
             )
         return np.hstack(parts)
     raw = parts[0]
@@ -257,7 +268,8 @@ def _read_source(table: LogTable, source: LogColumns, width: int, count: int) ->
         if max(source.components) >= raw.shape[1]:
             raise MapError(
                 f"{table.path}: '{source.columns[0]}' has {count_of(raw.shape[1], 'component')}, "
-                f"but the map picks number {max(source.components)} (they count from 0)."
+                f"but the map picks number {max(source.components)} (they count from 0); "
+                "correct 'components'."
             )
         return raw[:, list(source.components)]
     if raw.shape == (width, count) != (count, width):
@@ -279,7 +291,7 @@ def _check_register(table: LogTable, encoding: str, source: LogColumns, raw: np.
     if bad.size:
         raise LogError(
             f"{table.path}: '{source.columns[0]}' in {table.name_rows(bad)} is not within 0 … {2**bits - 1}, "
-            f"so it is not a {encoding} register read as unsigned; remove 'encoding' from the map."
+            f"so it is no {encoding} register read as unsigned; remove 'encoding' from the map."
         )
 
 
@@ -298,7 +310,10 @@ def _split(whole: Recording, tables: dict[str, LogTable], mapping: Map) -> list[
     column = table.column(mapping.episode.columns[0])
     values: np.ndarray = np.asarray(column if isinstance(column, np.ndarray) else column.to_pylist())
     if mapping.episode.table != mapping.position.source.table or values.ndim != 1:
-        raise MapError(f"{table.path}: the episode column must stand in the file with the positions, one value a row.")
+        raise MapError(
+            f"{table.path}: the episode column must stand in the file with the positions, one value a row; name such a "
+            "column in [read.episode]."
+        )
     values = values[whole.rows]
     breaks = [0, *(np.flatnonzero(values[1:] != values[:-1]) + 1).tolist(), len(values)]
     firsts = [values[start] for start in breaks[:-1]]

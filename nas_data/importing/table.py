@@ -106,8 +106,8 @@ class LogTable:
         numbers = numbers.T if len(numbers) == 1 else numbers
         if numbers.shape[1] != 1:
             raise LogError(
-                f"{self.path}: the time column '{name}' holds vectors of {numbers.shape[1]}; one number per "
-                "row is needed."
+                f"{self.path}: the time column '{name}' holds vectors of {numbers.shape[1]}; write one number per row, "
+                "or name another column in [read.time]."
             )
         return numbers[:, 0]
 
@@ -183,7 +183,7 @@ class LogTable:
         if column.dtype.kind not in "biuf" or column.ndim not in (1, 2):
             raise LogError(
                 f"{self.path}: the array '{name}' has {count_of(column.ndim, 'dimension')} of {column.dtype}; "
-                "numbers in one or two dimensions are needed."
+                "save it as numbers in one or two dimensions, or name another."
             )
         return (column if column.ndim == 2 else column[:, None]).astype(np.float64)
 
@@ -241,7 +241,9 @@ class LogTable:
         try:
             flat = _convert_to_numpy(pc.list_flatten(column).cast(pa.float64()))
         except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
-            raise LogError(f"{self.path}: the column '{name}' holds {column.type}, not numbers.") from None
+            raise LogError(
+                f"{self.path}: the column '{name}' holds {column.type}, not numbers; name another column."
+            ) from None
         return flat.reshape(len(column), -1) if len(column) else np.zeros((0, 1))
 
     def _refuse_nulls(self, name: str, column: pa.ChunkedArray) -> None:

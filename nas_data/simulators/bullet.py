@@ -120,7 +120,8 @@ class BulletArm:
         """Load the simulator's model into a new world."""
         self.model, self.layout = simulator.model, simulator.layout
         self.substeps = simulator.substeps
-        self.world = BulletWorld(self.model)
+        self.name = str(simulator.robot.mjcf)
+        self.world = BulletWorld(self.model, self.name)
         # MuJoCo simulates the servos at PyBullet's state: their torques, delays and setpoints
         self.servos = mujoco.MjData(self.model)
         self.servo_model = copy_without_constraints(self.model)
@@ -173,8 +174,7 @@ class BulletArm:
         state = self.layout.measure(qpos, qvel)
         if not (np.abs(state) < BOUND).all():
             raise SimulationDiverged(
-                f"The model diverges in PyBullet ({state.max():g}); shorten its timestep, soften its gains or check "
-                "its inertias."
+                f"{self.name} diverges in PyBullet; shorten its timestep, soften its gains or check its inertias."
             )
         return state
 

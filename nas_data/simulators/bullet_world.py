@@ -64,17 +64,18 @@ class BulletWorld:
     the friction torque.
     """
 
-    def __init__(self, model: mujoco.MjModel) -> None:
+    def __init__(self, model: mujoco.MjModel, name: str) -> None:
         """Load the model.
 
         Args:
             model: Compiled model of hinges and slides, with timestep and gravity.
+            name: Name of the model in errors.
 
         Raises:
             MissingPackage: PyBullet is not installed.
             ModelFileError: PyBullet cannot simulate the model.
         """
-        refuse_unsupported(model)
+        refuse_unsupported(model, name)
         self.bullet = import_pybullet()
         self.friction = np.zeros(model.nv)
         with silence():
@@ -254,8 +255,8 @@ def disconnect(bullet: ModuleType, client: int) -> None:
         bullet.disconnect(physicsClientId=client)
 
 
-def refuse_unsupported(model: mujoco.MjModel) -> None:
-    """Refuse a model with elements that the export to PyBullet would drop.
+def refuse_unsupported(model: mujoco.MjModel, name: str) -> None:
+    """Refuse a model with elements that the export to PyBullet would drop; `name` is its name in errors.
 
     Raises:
         ModelFileError: names the elements.
@@ -264,11 +265,14 @@ def refuse_unsupported(model: mujoco.MjModel) -> None:
     foreign = {
         "soft equality constraints": bool(soft.any()),
         "tendons with limits or friction": bool((model.tendon_limited | (model.tendon_frictionloss > 0)).any()),
+        "ball or free joints": bool(
+            np.isin(model.jnt_type, [mujoco.mjtJoint.mjJNT_BALL, mujoco.mjtJoint.mjJNT_FREE]).any()
+        ),
         "flexible bodies": model.nflex > 0,
     }
-    found = [name for name, present in foreign.items() if present]
+    found = [what for what, present in foreign.items() if present]
     if found:
-        raise ModelFileError(f"The model has {' and '.join(found)}, which PyBullet is not given; use --engine mujoco.")
+        raise ModelFileError(f"{name} has {' and '.join(found)}, which PyBullet is not given; use --engine mujoco.")
 
 
 def list_geoms(model: mujoco.MjModel, body: int) -> range:

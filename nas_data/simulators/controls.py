@@ -12,7 +12,7 @@ from nas_data.errors import JointMismatch, ModelFileError
 from nas_data.mjcf.actuator_lookup import find_driving_actuators, is_switched_off
 from nas_data.simulators.other_actuators import explain_missing_actuator
 
-POSITION_INPUT, VELOCITY_INPUT, FEEDFORWARD_INPUT = 1, 2, 4  # bits of MuJoCo's `mjtCtrlInput`
+POSITION_INPUT, VELOCITY_INPUT = 1, 2  # bits of MuJoCo's `mjtCtrlInput`
 UNSUPPORTED_INPUTS = {
     int(mujoco.mjtCtrlInput.mjINPUT_VOLTAGE): "volts",
     int(mujoco.mjtCtrlInput.mjINPUT_PRESSURE): "a pressure",
@@ -201,18 +201,12 @@ def read_length_feedback(model: mujoco.MjModel, actuator: int) -> float:
 
 
 def find_controller_input(inputs: int) -> Control:
-    """Return the conversion for the first input of a `pid`, or of a `dcmotor` with a controller; others stay at 0.
-
-    Raises:
-        UnknownControl: it is no position, velocity or torque.
-    """
+    """Return the conversion for the first input of a `pid`, or of a `dcmotor` with a controller; others stay at 0."""
     if inputs & POSITION_INPUT:
         return Control(POSITION, 1.0)
     if inputs & VELOCITY_INPUT:
         return Control(VELOCITY, 1.0)
-    if inputs & FEEDFORWARD_INPUT:
-        return Control(EFFORT, 1.0)
-    raise UnknownControl("(dcmotor) has no input for a position, a velocity or a torque")
+    return Control(EFFORT, 1.0)  # the feed-forward
 
 
 def is_linear(model: mujoco.MjModel, actuator: int) -> bool:

@@ -62,7 +62,7 @@ class Layout:
         inputs = Controls.of(model, indices, name)
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
-        positions, velocities = build_measurement_maps(model, joints, indices)
+        positions, velocities = build_measurement_maps(model, joints, indices, name)
         dof = model.jnt_dofadr[indices].astype(int)
         followers = Followers.of(model, np.union1d(dof, np.flatnonzero(velocities.any(axis=0))))
         driven = indices if followers is None else np.concatenate([indices, followers.joints])
@@ -119,9 +119,13 @@ def find_joint_index(model: mujoco.MjModel, joint: str, name: str) -> int:
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint)
     if index < 0:
         names = ", ".join(model.joint(i).name for i in range(model.njnt))
-        raise JointMismatch(f"{name} has no joint '{joint}'; it has: {names}. Joints are matched by name.")
+        raise JointMismatch(
+            f"{name} has no joint '{joint}'; it has: {names}. Joints are matched by name; use one name for both."
+        )
     if mujoco.mjtJoint(model.jnt_type[index]) not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
-        raise JointMismatch(f"The joint '{joint}' of {name} is neither hinge nor slide; only those are measured.")
+        raise JointMismatch(
+            f"The joint '{joint}' of {name} is neither hinge nor slide; only those are measured: leave it out."
+        )
     return index
 
 
@@ -131,7 +135,7 @@ def find_actuator_index(model: mujoco.MjModel, joint: int, name: str) -> int:
 
 
 def build_measurement_maps(
-    model: mujoco.MjModel, joints: Sequence[str], indices: np.ndarray
+    model: mujoco.MjModel, joints: Sequence[str], indices: np.ndarray, name: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the maps from qpos and qvel to the measured state, shapes (n, nq) and (n, nv).
 
@@ -141,13 +145,13 @@ def build_measurement_maps(
     positions = np.zeros((len(joints), model.nq))
     velocities = np.zeros((len(joints), model.nv))
     for row, (joint, index) in enumerate(zip(joints, indices, strict=True)):
-        for member, share in find_measured_joints(model, joint, int(index)):
+        for member, share in find_measured_joints(model, joint, int(index), name):
             positions[row, model.jnt_qposadr[member]] += share
             velocities[row, model.jnt_dofadr[member]] += share
     return positions, velocities
 
 
-def find_measured_joints(model: mujoco.MjModel, joint: str, index: int) -> list[tuple[int, float]]:
+def find_measured_joints(model: mujoco.MjModel, joint: str, index: int, name: str) -> list[tuple[int, float]]:
     """Return the joints and weights whose weighted sum is measured under a joint's name.
 
     Raises:
@@ -163,7 +167,10 @@ def find_measured_joints(model: mujoco.MjModel, joint: str, index: int) -> list[
         wraps = range(model.tendon_adr[target], model.tendon_adr[target] + model.tendon_num[target])
         if all(model.wrap_type[wrap] == int(mujoco.mjtWrap.mjWRAP_JOINT) for wrap in wraps):
             return [(int(model.wrap_objid[wrap]), float(model.wrap_prm[wrap])) for wrap in wraps]
-    raise ModelFileError(f"The sensor '{joint}{POSITION}' must be the position of a joint or of a fixed tendon.")
+    raise ModelFileError(
+        f"The sensor '{joint}{POSITION}' of {name} is not the position of a joint or of a fixed tendon; use <jointpos> "
+        "or <tendonpos>, or remove it."
+    )
 
 
 def compute_reference_controls(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:

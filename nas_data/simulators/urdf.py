@@ -6,8 +6,6 @@ from xml.etree import ElementTree as Xml
 import mujoco
 import numpy as np
 
-from nas_data.errors import ModelFileError
-
 ROTOR = "_rotor"  # suffix of the link with a joint's reflected inertia
 LEAST_MASS = 1e-6  # [kg] mass of links without mass, which physics engines refuse
 LEAST_ROTOR = 1e-6  # [kg m²] least reflected inertia of joints in series, on which torques act
@@ -36,9 +34,7 @@ def to_urdf(model: mujoco.MjModel) -> UrdfExport:
     Hinges and slides keep names, axes and limits. A body with several joints becomes a chain of links. A joint's
     reflected inertia becomes a flywheel on the base: inertia added to a link would also act on all joints before it.
     Colliding boxes, spheres, cylinders and capsules are kept; meshes and planes are dropped.
-
-    Raises:
-        ModelFileError: the model has a ball or free joint.
+    The model has no ball or free joint.
     """
     robot = Xml.Element("robot", name="model")
     add_link(robot, "world")
@@ -129,8 +125,6 @@ def add_joint(
     """Add one hinge or slide, whose zero is the model's reference posture."""
     name = find_joint_name(model, joint)
     kinds = {int(mujoco.mjtJoint.mjJNT_HINGE): "revolute", int(mujoco.mjtJoint.mjJNT_SLIDE): "prismatic"}
-    if int(model.jnt_type[joint]) not in kinds:
-        raise ModelFileError(f"The joint '{name}' is neither hinge nor slide; URDF with PyBullet takes only those.")
     kind = kinds[int(model.jnt_type[joint])]
     limited = bool(model.jnt_limited[joint])
     low, high = model.jnt_range[joint] - model.qpos0[model.jnt_qposadr[joint]] if limited else (-1e3, 1e3)

@@ -21,6 +21,7 @@ from support.import_samples import write_map
 from nas_data.cli import main
 from nas_data.dataset.read import read
 from nas_data.errors import LogError, MapError
+from nas_data.importing.formats import read_tables
 from nas_data.importing.map_file import load_map
 from nas_data.recorders.logs import import_logs
 
@@ -83,15 +84,21 @@ def test_joints_that_no_message_names_are_refused(tmp_path):
         import_logs([log], load_map(write_map(tmp_path, text)))
 
 
-def write_messages(path, change_state=dict, change_command=dict, encoding="json", **options):
-    """Write the sample's messages as JSON, each changed by a function; `options` are those of MCAP's writer."""
+def write_messages(
+    path, change_state=dict, change_command=dict, encoding="json", commanded="/commands", unheard=(), **options
+):
+    """Write the sample's messages as JSON, each changed by a function; `options` are those of MCAP's writer.
+
+    Unheard topics have a channel but no message.
+    """
     messages = [("/joint_states", time, change_state({"header": header(time), **state})) for time, state in states()]
-    messages += [("/commands", time, change_command({"data": goal})) for time, goal in commands()]
+    messages += [(commanded, time, change_command({"data": goal})) for time, goal in commands()]
     with path.open("wb") as file:
         writer = Writer(file, **options)
         writer.start()
         schema = writer.register_schema("any", "jsonschema", b"{}")
-        channels = {topic: writer.register_channel(topic, encoding, schema) for topic, _, _ in messages}
+        topics = dict.fromkeys([*(topic for topic, _, _ in messages), *unheard])
+        channels = {topic: writer.register_channel(topic, encoding, schema) for topic in topics}
         for topic, time, content in messages:
             writer.add_message(channels[topic], log_time=time, data=json.dumps(content).encode(), publish_time=time)
         writer.finish()
@@ -272,7 +279,7 @@ def test_each_joint_may_have_topics_of_its_own(tmp_path, named):
 @pytest.mark.parametrize(
     ("given", "instead", "sentence"),
     [
-        ('["shoulder", "elbow"]\ncolumn', '["shoulder"]\ncolumn', "'topic' names 1; 2 are needed"),
+        ('["shoulder", "elbow"]\ncolumn', '["shoulder"]\ncolumn', "'topic' names 1 topic; 2 are needed, one a joint"),
         ('["shoulder", "elbow"]\ncolumn', '["shoulder", "shoulder"]\ncolumn', "'topic' names 'shoulder' twice"),
         (
             '["shoulder", "elbow"]\ncolumn',
@@ -345,3 +352,51 @@ def test_publishers_that_share_a_topic_are_told_apart_by_the_names_in_their_mess
     time = dataset.columns["nas.time"][:, 0]
     assert dataset.joints == ("shoulder", "elbow", "gripper")
     np.testing.assert_allclose(dataset.states[:, :3], np.column_stack([angle(time), 0 * time]), atol=1e-6)
+
+
+def test_a_topic_without_messages_is_left_or_the_bag_that_has_them_given(tmp_path):
+    write_messages(tmp_path / "bag.mcap", unheard=["/goals"])
+
+    def goals(text):
+        return text.replace('"/commands"', '"/goals"')
+
+    with pytest.raises(
+        LogError, match=r"bag\.mcap has no messages of '/goals'; give the bag that has, or correct \[topics\]"
+    ):
+        import_bag(tmp_path, goals)
+    assert import_bag(tmp_path).n_frames == 199
+    write_messages(tmp_path / "bag.mcap", commanded="/goals")
+    assert import_bag(tmp_path, goals).n_frames == 199
+
+
+def test_topics_are_corrected_to_those_that_the_bag_is_said_to_have(tmp_path):
+    write_messages(tmp_path / "bag.mcap", commanded="/goals")
+    with pytest.raises(LogError, match=r"no topic '/commands', which \[topics\] of the map names; it has: /goals, /jo"):
+        import_bag(tmp_path)
+    assert import_bag(tmp_path, lambda text: text.replace('"/commands"', '"/goals"')).n_frames == 199
+
+
+def test_other_messages_are_read_once_they_are_converted_as_is_said(tmp_path):
+    write_messages(tmp_path / "bag.mcap", encoding="cbor")
+    with pytest.raises(
+        LogError, match=r"encoding cbor; .*: convert the topics of the map to one of them, or to a CSV file"
+    ):
+        import_bag(tmp_path)
+    assert import_bag(write_json_mcap(tmp_path / "bag.mcap").parent).n_frames == 199
+
+
+def test_joints_without_a_topic_each_are_given_one_as_is_said(tmp_path):
+    write_topics_of_joints(tmp_path / "bag.mcap", lambda joint, value: {"data": value})
+    text = EACH.format(format="mcap", position="data")
+    wrong = text.replace('["shoulder", "elbow"]\ncolumn', '["shoulder"]\ncolumn')
+    with pytest.raises(MapError, match=r"\[read.position\]: 'topic' names 1 topic; 2 are needed, one a joint\."):
+        load_map(write_map(tmp_path, wrong))
+    assert import_logs([tmp_path / "bag.mcap"], load_map(write_map(tmp_path, text))).dataset.n_frames > 90
+
+
+def test_a_bag_is_given_where_a_folder_is_none_as_is_said(tmp_path):
+    mapping = load_map(write_map(tmp_path, MAP.format(format="rosbag")))
+    (tmp_path / "logs.bag").mkdir()
+    with pytest.raises(LogError, match=r"logs\.bag cannot be read: .*; give a ROS 2 bag\."):
+        read_tables(tmp_path / "logs.bag", mapping.layout)
+    assert import_logs([write_rosbag(tmp_path / "bag")], mapping).dataset.n_frames == 199

@@ -210,6 +210,99 @@ def test_a_wrong_map_is_refused_with_the_key_that_is_wrong(tmp_path, name):
     assert "map.toml" in str(raised.value)
 
 
+FIRST = '"q1", "q2"'
+TWO = '[files]\na = "a.npz"\nb = "b.npz"\n'
+JOINED = f'{TWO}[join]\nmethod = "nearest"\ntolerance = 1'
+IN_FILES = {key: f'file = "{file}"\ncolumn = "{column}"\nunit = "{unit}"' for key, file, column, unit in (
+    ("position", "a", "q", "rad"), ("register", "a", "dq", "rad/s"), ("command", "b", "goal", "rad"))}  # fmt: skip
+SLIDES = {"position": 'column = "q"\nunit = "mm"', "register": 'column = "dq"\nunit = "mm/s"',
+          "command": 'column = "goal"\nunit = "mm"'}  # fmt: skip
+IN_TICKS = 'column = "q"\nunit = "ticks"\nscale = 0.1\nzero = 512'
+BY_RANGE = 'column = "q"\nunit = "normalised"\nrange = [0, 1]\nlow = -1\nhigh = 1'
+ELBOW_SLIDES = {
+    "position": ELBOW + 'unit = "mm"',
+    "register": 'column = "dq"\nunit = "rad/s"\n[read.velocity.joints.elbow]\nunit = "mm/s"',
+    "command": 'column = "goal"\nunit = "rad"\n[read.command.joints.elbow]\nunit = "mm"',
+}
+# The map of `WRONG` with the same name after the change that its sentence asks for.
+RIGHT = {
+    "unknown key": map_text() + "[audit]\nmax_speed = 3",
+    "unknown top key": 'pattern = "*"\n' + map_text(),
+    "key of another format": map_text(format='"json"', top='entries = "rows"'),
+    "join of one file": map_text(top=JOINED, **IN_FILES),
+    "misspelt optional key": map_text(extra='[resample]\nrate = 50\nmethod = "linear"'),
+    "column twice": map_text(position=f'columns = [{FIRST}]\nunit = "rad"'),
+    "command twice": map_text(command='columns = ["c", "d"]\nunit = "rad"'),
+    "component twice": map_text(position='column = "q"\ncomponents = [1, 0]\nunit = "rad"'),
+    "format": map_text(format='"pt"'),
+    "no joints": map_text(joints='["a", "b"]'),
+    "joint twice": map_text(joints='["a", "b"]'),
+    "joints no list": map_text(joints='["a"]'),
+    "rate zero": map_text(rate="0.5"),
+    "rate text": map_text(rate="50"),
+    "rate infinite": map_text(rate="1e4"),
+    "alignment": map_text(alignment='"action_follows_state"'),
+    "velocity": map_text(velocity='"derive"'),
+    "no register": map_text(velocity='"derive"').replace('[read.velocity]\ncolumn = "dq"\nunit = "rad/s"', ""),
+    "time unit": map_text(time='column = "t"\nunit = "ms"'),
+    "clock or none": map_text(time="uniform = true"),
+    "position unit": map_text(position='column = "q"\nunit = "turn"'),
+    "command unit": map_text(command='column = "goal"\nunit = "N·m"'),
+    "slide in rad/s": map_text(**SLIDES),
+    "unknown slide": map_text(top='slides = ["elbow"]', **ELBOW_SLIDES),
+    "slide in rad": map_text(top='slides = ["elbow"]', **ELBOW_SLIDES),
+    "amperes without scale": map_text(command='column = "goal"\nunit = "A"\nscale = 0.5'),
+    "unit missing": map_text(position='column = "q"\nunit = "deg"'),
+    "sign": map_text(position='column = "q"\nunit = "rad"\nsign = -1'),
+    "list too short": map_text(position='column = "q"\nunit = "rad"\noffset = [0.1, 0.2]'),
+    "list of texts": map_text(position='column = "q"\nunit = "rad"\noffset = 0.1'),
+    "ticks without scale": map_text(position=IN_TICKS),
+    "ticks without zero": map_text(position=IN_TICKS),
+    "scale zero": map_text(position='column = "q"\nunit = "rad"\nscale = 0.1'),
+    "normalised without range": map_text(position=BY_RANGE),
+    "normalised to a point": map_text(position=BY_RANGE),
+    "unit of one joint": map_text(position=ELBOW + 'unit = "deg"'),
+    "units in a list": map_text(position=ELBOW + 'unit = "deg"'),
+    "a sign of a list": map_text(position=POSITION + 'unit = "rad"\nsign = [1, -1]'),
+    "a sign of one joint": map_text(position=ELBOW + "sign = -1"),
+    "scale for one joint": map_text(position=ELBOW + 'unit = "ticks"\nzero = 3\nscale = 0.1'),
+    "scale for all joints": map_text(position=IN_TICKS + "\n[read.position.joints.elbow]\nsign = -1"),
+    "key of one joint": map_text(position=ELBOW + "scale = 3"),
+    "one slide in rad": map_text(top='slides = ["elbow"]', **ELBOW_SLIDES),
+    "unknown joint": map_text(position=ELBOW + "sign = -1"),
+    "two places": map_text(position=f'columns = [{FIRST}]\nunit = "rad"'),
+    "too few columns": map_text(position=f'columns = [{FIRST}]\nunit = "rad"'),
+    "components": map_text(position='column = "q"\ncomponents = [0, 1]\nunit = "rad"'),
+    "negative component": map_text(position='column = "q"\ncomponents = [0, 3]\nunit = "rad"'),
+    "encoding": map_text(position='column = "q"\nunit = "rad"\nencoding = "sign_magnitude_10"'),
+    "signal named image": map_text(extra='[signals.load_2]\ncolumn = "x"\nunit = "1"'),
+    "signal named time": map_text(extra='[signals.load]\ncolumn = "x"\nunit = "1"'),
+    "signals no table": map_text(extra='[signals]\nload = {column = "x", unit = "1"}'),
+    "whole_robot": map_text(extra='[signals.a]\ncolumn = "x"\nwhole_robot = true\nunit = "1"'),
+    "limits": map_text(extra="[limits]\nelbow = [-1, 1]"),
+    "limits of another joint": map_text(extra="[limits]\nshoulder = [-1, 1]"),
+    "allow": map_text(extra='[audit]\nallow = ["rate"]'),
+    "resample without method": map_text(extra='[resample]\nrate = 10\nmethod = "previous"'),
+    "task": map_text(top='task = "{log}"'),
+    "task braces": map_text(top='task = "{log} 2"'),
+    "task format": map_text(top='constants = ["mass"]\ntask = "{log} {mass}"'),
+    "join missing": map_text(top=JOINED, **IN_FILES),
+    "file missing": map_text(top=JOINED, **IN_FILES),
+    "file unknown": map_text(top=JOINED, **IN_FILES),
+}
+# What these sentences ask for is to write the key or table of the sample map.
+OF_SAMPLE = {
+    "unknown quantity", "misspelt needed key", "missing key", "missing table", "robot number", "key of another unit",
+    "offset of a velocity", "unit of all joints",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_map_is_read_once_it_is_changed_as_is_said(tmp_path, name):
+    assert (name in RIGHT) != (name in OF_SAMPLE)
+    load_map(write_map(tmp_path, RIGHT.get(name, map_text())))
+
+
 def elbow(**units: str) -> dict[str, str]:
     """Tables of a map in which the elbow has units of its own."""
     columns = {"position": ("q", "rad"), "register": ("dq", "rad/s"), "command": ("goal", "rad")}

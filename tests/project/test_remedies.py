@@ -448,6 +448,7 @@ def test_one_episode_is_cut_by_the_command_that_the_gap_names(here, capsys, rows
         (["--seconds", "2"], "give at most 1 s", ["--seconds", "1"]),
         (["--episodes", "0,7"], "it has 0 to 2", ["--episodes", "0,2"]),
         (["--episodes", "0,0"], "name each once", ["--episodes", "0"]),
+        (["--episodes", "2-1"], "write the smaller number first, like 4-7", ["--episodes", "1-2"]),
         (["--episodes", "0,1,2"], "both parts need at least one", ["--episodes", "0,1"]),
         (["--share", "1.5"], "for example 0.8", ["--share", "0.8"]),
         (["--share", "0.8", "--seed", "-1"], "must be 0 or more", ["--share", "0.8", "--seed", "0"]),

@@ -99,12 +99,6 @@ def test_play_becomes_a_joint_of_its_own_in_the_urdf():
     assert float(joints["m3_play"].find("limit").get("upper")) == pytest.approx(0.02)
 
 
-def test_models_that_urdf_cannot_hold_are_refused():
-    free = '<mujoco><worldbody><body><freejoint name="f"/><geom size="0.1"/></body></worldbody></mujoco>'
-    with pytest.raises(ModelFileError, match="neither hinge nor slide"):
-        to_urdf(mujoco.MjModel.from_xml_string(free))
-
-
 # ---- the engine -------------------------------------------------------------------------------------------------
 
 
