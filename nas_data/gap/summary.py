@@ -64,14 +64,20 @@ def list_findings(report: GapReport) -> list[str]:
         lines.append("retuned: " + ", ".join(changed) + (f", and {more} more, in report.html" if more else ""))
     beside = f" of the hinges, {describe_errors(gap.slides)} of the slides" if gap.slides else ""
     lines.append(f"open-loop error on held-out episodes: {describe_errors(gap)}{beside}, in {report.seconds:.0f} s")
-    is_explained = report.verdict not in ("partly_explained", "unexplained")
-    if is_explained and gap.noise_floor and gap.after > MAX_OVER_FLOOR * gap.noise_floor:
+    if is_from_initial_states(report):
         lines.append(IN_MOTION)
     if gap.delivered in DELIVERED:
         lines.append(DELIVERED[gap.delivered])
     if report.next_experiment:
         lines.append(f"record next: {report.next_experiment}")
     return lines
+
+
+def is_from_initial_states(report: GapReport) -> bool:
+    """Whether the rest of an explained gap comes from estimated initial states."""
+    gap = report.gap
+    is_explained = report.verdict not in ("partly_explained", "unexplained")
+    return bool(is_explained and gap.noise_floor and gap.after > MAX_OVER_FLOOR * gap.noise_floor)
 
 
 def describe_verdict(report: GapReport) -> str:

@@ -6,6 +6,7 @@ from support.report_samples import gap_report
 from nas_data.effects.base import make_effect
 from nas_data.gap.compose import name_with_place
 from nas_data.gap.report import GapReport
+from nas_data.gap.showing.page_words import describe_verdict
 from nas_data.gap.summary import list_findings
 
 EVIDENCE = {"heldout_error_before": 0.1, "heldout_error_after": 0.01}
@@ -42,3 +43,13 @@ def test_a_runner_up_at_another_place_is_told_with_its_place(joint, rival, rival
 def test_a_placebo_is_told_with_its_place():
     said = [name_with_place(make_effect("command_delay", joint, {"delay": 0.04})) for joint in (None, "waist")]
     assert said == ["command_delay in the whole arm", "command_delay in waist"]
+
+
+@pytest.mark.parametrize(
+    ("after", "verdict", "said"), [(0.1, "none", True), (0.02, "none", False), (0.1, "unexplained", False)]
+)
+def test_an_explained_error_far_above_the_noise_is_told_to_come_from_the_initial_states(after, verdict, said):
+    gap = {"unit": "rad", "before": after, "after": after, "noise_floor": 0.01}
+    report = gap_report(verdict=verdict, gap=gap)
+    assert any("begin in motion" in line for line in list_findings(report)) == said
+    assert ("initial states" in describe_verdict(report)) == said

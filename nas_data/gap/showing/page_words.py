@@ -10,6 +10,7 @@ from nas_data.effects.base import find_effect
 from nas_data.errors import UnknownName
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_parts import EffectName, FittedParameter, GapErrors, NamedEffect, Retuned, Unexplained
+from nas_data.gap.summary import is_from_initial_states
 
 FRIENDLY = {
     "rad": ("°", 180 / math.pi),
@@ -154,10 +155,9 @@ def format_error(gap: GapErrors, name: Literal["before", "plain", "after", "nois
 
 def describe_none(report: GapReport) -> str:
     """Describe that there is no gap."""
-    gap = report.gap
     return (
         f"Nothing is missing: on held-out episodes {describe_model(report)} has an error of "
-        f"{format_error(gap, 'before')}, which the noise of the readings, {format_error(gap, 'noise_floor')}, explains."
+        f"{format_error(report.gap, 'before')}. {describe_explained_rest(report)}"
     )
 
 
@@ -169,18 +169,26 @@ def describe_retuned(report: GapReport) -> str:
     first = "No effect is named" if any(entry.is_large for entry in report.retuned) else "Nothing is missing"
     return (
         f"{first}: {describe_model(report)} only needs {numbers} changed, by at most "
-        f"{largest:.0f} %, and the error on held-out episodes {describe_drop(report)}, close to the noise of the "
-        f"readings, {format_error(report.gap, 'noise_floor')}."
+        f"{largest:.0f} %, and the error on held-out episodes {describe_drop(report)}. "
+        f"{describe_explained_rest(report)}"
     )
 
 
 def describe_explained(report: GapReport) -> str:
     """Describe effects that explain the gap."""
-    return (
-        f"{describe_missing(report)} the error on held-out episodes {describe_drop(report)}, and what is left is "
-        "close to the noise of "
-        f"the readings, {format_error(report.gap, 'noise_floor')}."
-    )
+    found = f"{describe_missing(report)} the error on held-out episodes {describe_drop(report)}."
+    return f"{found} {describe_explained_rest(report)}"
+
+
+def describe_explained_rest(report: GapReport) -> str:
+    """Describe the rest of an explained gap."""
+    noise = f"the noise of the readings, {format_error(report.gap, 'noise_floor')}"
+    if is_from_initial_states(report):
+        return (
+            "What is left comes from the initial states: episodes begin in motion, in states estimated from noisy "
+            f"readings. With these moved within their uncertainty, it is close to {noise}."
+        )
+    return f"What is left is close to {noise}."
 
 
 def describe_partly_explained(report: GapReport) -> str:
