@@ -136,12 +136,17 @@ def parse(name: str, rest: list[str]) -> "Command":
     """
     import tyro
 
+    from nas_data.commands._help import describe_options
+
     kind, captured = load_command_class(name), io.StringIO()
     redirected = contextlib.redirect_stderr(captured) if "--json" in rest else contextlib.nullcontext()
     try:
         with redirected:
             return tyro.cli(
-                kind, args=kind.normalise_arguments(rest), prog=f"nas {name}", config=(tyro.conf.FlagCreatePairsOff,)
+                describe_options(kind),
+                args=kind.normalise_arguments(rest),
+                prog=f"nas {name}",
+                config=(tyro.conf.FlagCreatePairsOff,),
             )
     except SystemExit as stop:
         if stop.code and captured.getvalue():

@@ -13,7 +13,7 @@ from nas_data.runs.progress import Counting
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluate(TakesModel):
-    """Print one-step and open-loop errors of a checkpoint or model file on a dataset, with the trivial baselines.
+    """Print one-step and open-loop errors of a checkpoint or model file on a dataset, beside simple baselines.
 
     Example: nas evaluate runs/phi/checkpoint datasets/arm_test --model arm.xml
 

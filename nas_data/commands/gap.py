@@ -24,7 +24,7 @@ class Gap(TakesModel):
     out: Path
     """Folder of the report; an earlier report in it is replaced."""
     learn: int = 0
-    """Number of updates to train φ on the remaining gap (minutes); its share goes into the report."""
+    """Train φ on the remaining gap with this many updates (minutes), and report its share; 0 trains none."""
 
     def run(self) -> CommandResult:
         """Run all stages."""

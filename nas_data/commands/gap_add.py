@@ -28,7 +28,8 @@ class GapAdd(TakesModel):
     model: str
     """Model to correct: an MJCF or URDF file, or a robot's name."""
     effects: Path
-    """A gap report's folder, its effects.json (as written by `nas gap name`) or its report.json, which is rounded."""
+    """A gap report's folder, its effects.json (as written by `nas gap name`) or its report.json, whose numbers are
+    rounded."""
     out: Path
     """Folder for model.xml."""
     export: Literal["bam", "csv"] | None = None

@@ -27,9 +27,10 @@ class Pair(TakesModel):
     effect: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """Effect to add to the source, NAME:joint=JOINT,PARAMETER=NUMBER; may be given several times."""
     effects: Path | None = None
-    """A gap report's folder, or its effects.json: effects and retuned parameters to add to the source."""
+    """A gap report's folder, or its effects.json: effects and retuned parameters to add to the source. None by
+    default."""
     out: Path | None = None
-    """Exact folder of the new version; by default next to the dataset in datasets/NAME/."""
+    """Write to exactly this folder, which must not exist; by default the new version lies next to the dataset."""
 
     def run(self) -> CommandResult:
         """Pair the dataset and write the new version."""

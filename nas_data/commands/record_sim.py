@@ -27,13 +27,13 @@ class RecordSim(TakesModel):
     env: str | None = None
     """An environment instead of a robot: its model, rate, initial states, objects, and commands in its action space."""
     dynamics: str = "backlash"
-    """Dynamics of the target, for --env: one of the environment's dynamics."""
+    """Dynamics of the target with --env, such as backlash or paper; an unknown name lists all."""
     engine: Literal["mujoco", "bullet"] = "mujoco"
     """Physics engine of the target."""
     effect: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """An effect of the target, NAME:joint=JOINT,PARAMETER=NUMBER; may be given several times."""
     effects: Path | None = None
-    """A file of effects, such as the effects.json of a gap report."""
+    """A file of effects, such as the effects.json of a gap report. None by default."""
     excitation: str = "steps"
     """Command signal, NAME or NAME:PARAMETER=NUMBER,…, such as steps, babbling, sine, multisine, triangle or chirp."""
     commands: Path | None = None
@@ -61,7 +61,7 @@ class RecordSim(TakesModel):
     name: str | None = None
     """Name of the dataset: the next version of datasets/NAME; ROBOT_EXCITATION by default."""
     out: Path | None = None
-    """Write to exactly this folder instead."""
+    """Write to exactly this folder instead of a version of datasets/NAME."""
 
     def run(self) -> CommandResult:
         """Record and write the dataset."""

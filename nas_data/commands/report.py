@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -23,7 +23,7 @@ class Report(Command):
     Example: nas report runs/delta-arm-seed0 runs/policy --out report.html
     """
 
-    runs: tyro.conf.Positional[tuple[Path, ...]]
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN…")]
     """Folders written by `nas train`, `nas policy train`, a comparison, `nas demo`, `nas gap` or `nas ablate`, parents
     of such folders, or datasets."""
     out: Path = Path("report.html")
