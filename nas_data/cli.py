@@ -168,8 +168,11 @@ def run(name: str, rest: list[str]) -> int:
         command = parse(name, rest)
     except NasError as error:
         return fail(str(error), as_json=True)
+    from nas_data.runs.progress import report_silence
+
     try:
-        outcome = command.run()
+        with report_silence(f"nas {name} was called"):
+            outcome = command.run()
     except NasError as error:
         return fail(str(error), command.json)
     except OSError as error:  # a full disk or a missing permission cannot be repaired here, only reported

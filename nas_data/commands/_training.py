@@ -8,7 +8,7 @@ import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
-from nas_data.runs.progress import Counting, say
+from nas_data.runs.progress import Counting, begin, say
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,6 +66,7 @@ class Train(TakesModel):
             seed=self.seed,
         )
         root = versions.resolve(self.dataset)
+        begin(f"reading {root}")
         name = versions.find_dataset_name(root).split("/")[0]
         folder = self.out or Path("runs") / f"{self.kind}-{name}-seed{self.seed}"
         request = TrainingRequest(

@@ -8,7 +8,7 @@ import tyro
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
 from nas_data.count_of import count_of
-from nas_data.runs.progress import Counting
+from nas_data.runs.progress import Counting, begin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +43,7 @@ class Evaluate(TakesModel):
 
         learned = None if is_model(self.checkpoint) else as_learned(self.checkpoint)
         root = versions.resolve(self.dataset)
+        begin(f"reading {root}")
         dataset = Dataset.load(root, self.episodes)
         evaluation = evaluate(
             learned or self.checkpoint,

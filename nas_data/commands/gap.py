@@ -7,7 +7,7 @@ import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
-from nas_data.runs.progress import report_heartbeat
+from nas_data.runs.progress import begin, say
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,8 +31,8 @@ class Gap(TakesModel):
         from nas_data.api.gap import identify
         from nas_data.gap.summary import summarise
 
-        with report_heartbeat("reading the recording") as say:
-            report = identify(
-                self.dataset, self.model, out=self.out, learn=self.learn, actuators=self.actuators, progress=say
-            )
+        begin("reading the recording")
+        report = identify(
+            self.dataset, self.model, out=self.out, learn=self.learn, actuators=self.actuators, progress=say
+        )
         return CommandResult(summarise(report, self.out), report.to_json())

@@ -9,7 +9,7 @@ import tyro
 
 from nas_data.commands.base import Command, CommandResult
 from nas_data.count_of import count_of
-from nas_data.runs.progress import PAUSE, RateLimited, say
+from nas_data.runs.progress import PAUSE, RateLimited, begin, say
 
 if TYPE_CHECKING:
     from nas_data.dataset.audits.base import AuditFinding
@@ -78,8 +78,10 @@ class ImportLogs(Command):
             cut=self.cut,
             progress=RateLimited(lambda what: say(f"reading {what}"), first=PAUSE),
         )
+        begin(f"reading and checking {count_of(len(self.logs), 'log')}")
         imported = read_logs(request)
         result, name = imported.result, self.name or imported.name
+        begin("writing the dataset")
         root = versions.save(result.dataset, result.provenance, out=self.out, name=name, attachments=result.attachments)
         derived = () if imported.mapped else result.provenance.derived.items()
         lines = [*imported.notes, *(f"derived {key}: {how}" for key, how in derived)]

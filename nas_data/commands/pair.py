@@ -9,6 +9,7 @@ import tyro
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
 from nas_data.count_of import count_of
+from nas_data.runs.progress import begin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +43,7 @@ class Pair(TakesModel):
 
         root = versions.resolve(self.dataset)
         versions.check_destination(out=self.out, parent=root)
+        begin(f"reading {root}")
         dataset = Dataset.load(root)
         derived = dict(dataset.origin.derived) if dataset.origin else {}
         source = PairingSource(
@@ -51,9 +53,11 @@ class Pair(TakesModel):
             report=self.effects,
             actuators=self.actuators,
         )
+        begin(f"pairing {count_of(dataset.n_frames, 'transition')}")
         pairing = make_pairs(dataset, source)
         paired = pairing.dataset
         provenance, kept = describe(paired)
+        begin("writing the dataset")
         folder = versions.save(paired, provenance, out=self.out, parent=root, attachments=kept)
         remarks = [pairing.remark] if pairing.remark else []
         lines = [*(f"derived {key}: {how}" for key, how in derived.items()), *remarks]

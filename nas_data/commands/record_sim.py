@@ -10,7 +10,7 @@ import tyro
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
 from nas_data.count_of import count_of
-from nas_data.runs.progress import PAUSE, RateLimited
+from nas_data.runs.progress import PAUSE, RateLimited, begin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +72,7 @@ class RecordSim(TakesModel):
 
         began = time.monotonic()
         check_destination(out=self.out, name=self.name or "dataset")
+        begin("simulating")
         dataset = record(
             self.robot,
             env=self.env,
@@ -96,6 +97,7 @@ class RecordSim(TakesModel):
         )
         provenance, _ = describe(dataset)
         name = self.name or f"{dataset.robot_type}_{dataset.tasks[0]}"
+        begin("writing the dataset")
         path = save(dataset, provenance, out=self.out, name=name)
         took = time.monotonic() - began
         text = (
