@@ -33,7 +33,7 @@ def describe_options(kind: type[Options]) -> type[Options]:
 
 
 def describe(name: str, hint: object, text: str | None) -> object:
-    """Return the type of an option with its metavar, help and default; those that it states stay."""
+    """Return the type of an option with metavar, help and default, except those that it already states."""
     inner, *stated = get_args(hint) if get_origin(hint) is Annotated else (hint,)
     if isinstance(inner, type) and is_dataclass(inner):
         return Annotated[describe_options(inner), tyro.conf.arg(help=text), *stated]

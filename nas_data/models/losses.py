@@ -218,7 +218,7 @@ class FreeRunning:
         return corrected[:, 0], refused, memory
 
     def _has_diverged(self, error: Tensor) -> Tensor:
-        """Return a mask of the diverged rollouts for errors (B, 2n), shape (B,); they would dominate the loss."""
+        """Return a mask of the rollouts that diverged and would dominate the loss, shape (B,), from errors (B, 2n)."""
         n = len(self.model.joints)
         near = (error[:, :n].abs() < DIVERGED_DEVIATIONS * self.position_scale / POSITION_SCALE).all(dim=1)
         return ~(near & (error[:, n:].abs() < DIVERGED_DEVIATIONS * self.velocity_scale).all(dim=1))
