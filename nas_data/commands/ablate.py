@@ -9,14 +9,13 @@ import tyro
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
 from nas_data.errors import OptionError
-from nas_data.runs.progress import report_elapsed, say
+from nas_data.runs.progress import say
 
 if TYPE_CHECKING:
     from nas_data.models.presets import TrainingOptions
     from nas_data.studies.ablation.sweep import SweepPlan
     from nas_data.studies.ablation.sweep_data import Amount
 
-HEARTBEAT = 30.0  # [s] between two progress messages while trials run
 DEFAULT_COUNTS = (10, 25, 50, 100, 250, 500, 1000)  # training episodes, up to the available number
 QUICK = {"hidden": 32, "layers": 1, "updates": 40, "horizon": 60, "frames": 1600}  # a trial in seconds
 
@@ -85,7 +84,7 @@ class Ablate(TakesModel):
         check(plan)
         content = plan.material.content()
         trials = plan.trials(content, self.out)
-        with open_sweep(self.out, plan.identity(content)), report_elapsed("trials are running", HEARTBEAT):
+        with open_sweep(self.out, plan.identity(content)):
             results = run_sweep(trials, executor, self.workers, self.retry, say)
         found = summary.SweepSummary.of([(trial.config, result) for trial, result in zip(trials, results, strict=True)])
         more: dict[str, object] = {
