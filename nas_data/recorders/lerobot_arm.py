@@ -11,8 +11,8 @@ from lerobot.robots import Robot as LeRobot
 from lerobot.utils.errors import DeviceNotConnectedError
 
 from nas_data.errors import ArmError, BadReply, ServoSilent
-from nas_data.hardware.arms.base import Health, Reading
-from nas_data.hardware.arms.line import ATTEMPTS, Line, guard_options, report_lost_port
+from nas_data.hardware.arms.base import ArmOpener, Health, Reading
+from nas_data.hardware.arms.line import ATTEMPTS, Line, make_line_opener, report_lost_port
 from nas_data.hardware.arms.port_errors import make_lost_port_error, make_port_error
 from nas_data.recorders.lerobot_checks import (
     VOLTAGE,
@@ -318,6 +318,7 @@ class LeRobotDriver:
         """Open the port; see `LeRobotArm`."""
         return LeRobotArm(self.robot, self.kind, self.frame, now)
 
-    def guard_options(self) -> dict[str, object]:
-        """Return the options with which the watchdog opens the arm."""
-        return guard_options(find_stop_registers(self.bus), [motor.id for motor in self.bus.motors.values()], self.port)
+    def opener(self) -> ArmOpener:
+        """Return how the watchdog opens the arm."""
+        ids = [motor.id for motor in self.bus.motors.values()]
+        return make_line_opener(find_stop_registers(self.bus), ids, self.port)
