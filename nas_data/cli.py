@@ -136,12 +136,17 @@ def parse(name: str, rest: list[str]) -> "Command":
     """
     import tyro
 
+    from nas_data.commands._help import describe_options
+
     kind, captured = load_command_class(name), io.StringIO()
     redirected = contextlib.redirect_stderr(captured) if "--json" in rest else contextlib.nullcontext()
     try:
         with redirected:
             return tyro.cli(
-                kind, args=kind.normalise_arguments(rest), prog=f"nas {name}", config=(tyro.conf.FlagCreatePairsOff,)
+                describe_options(kind),
+                args=kind.normalise_arguments(rest),
+                prog=f"nas {name}",
+                config=(tyro.conf.FlagCreatePairsOff,),
             )
     except SystemExit as stop:
         if stop.code and captured.getvalue():
@@ -163,8 +168,11 @@ def run(name: str, rest: list[str]) -> int:
         command = parse(name, rest)
     except NasError as error:
         return fail(str(error), as_json=True)
+    from nas_data.runs.progress import report_silence
+
     try:
-        outcome = command.run()
+        with report_silence(f"nas {name} was called"):
+            outcome = command.run()
     except NasError as error:
         return fail(str(error), command.json)
     except OSError as error:  # a full disk or a missing permission cannot be repaired here, only reported

@@ -42,7 +42,7 @@ def warn_once(warning: str) -> None:
 
 @contextmanager
 def hide_warnings() -> Iterator[None]:
-    """Show no warnings inside the block, where they would repeat what was said, of a copy that nobody knows."""
+    """Show no warnings inside the block, which works with copies of what the user was already warned about."""
     before = logger.level
     logger.setLevel(logging.ERROR)
     try:

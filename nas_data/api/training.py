@@ -30,7 +30,7 @@ from nas_data.models.run import CHECKPOINT, HISTORY, TrainingRun
 from nas_data.models.training import ModelTraining
 from nas_data.pairing import check_source, warn_of_overlaps, warn_of_ranges
 from nas_data.robots.base import find_robot
-from nas_data.runs.progress import silence
+from nas_data.runs.progress import begin, silence
 from nas_data.simulators.base import Simulator
 from nas_data.sources import collect_source_files, find_source, read_kept_files
 
@@ -168,6 +168,7 @@ def train(dataset: Dataset, request: TrainingRequest) -> LearnedModel:
         if simulator is not None:
             recorded = origin.provenance.source if origin and given is None else None
             provenance["source"] = recorded or simulator.describe()
+        begin(f"preparing the training on {count_of(dataset.n_episodes, 'episode')}")
         training = ModelTraining(kind, dataset, request.options, simulator, provenance, request.device)
         run = TrainingRun(training, folder, say, kept)
         notes.append(

@@ -18,9 +18,9 @@ class ExperimentCommand(Command):
     experiment: ClassVar[str]
 
     env: tuple[str, ...] = ()
-    """Environments; the paper's by default, with --quick the first of them."""
+    """Environments; by default those of the paper, with --quick only the first."""
     dynamics: str = "backlash"
-    """Dynamics of the target: one of the environments' dynamics."""
+    """Dynamics of the target, such as backlash or paper; an unknown name lists all."""
     engine: Literal["mujoco", "bullet"] = "mujoco"
     """Physics engine of the target; the source runs in MuJoCo, so that `bullet` adds the difference of the engines."""
     workers: int = 1
@@ -69,7 +69,7 @@ class PolicyExperimentCommand(ExperimentCommand):
     seeds: tuple[int, ...] = ()
     """Seeds of every method; five by default, with --quick two."""
     frames: int | None = None
-    """Control steps of each policy; two million by default, as in the paper."""
+    """Control steps of each policy; by default two million as in the paper, with --quick fewer."""
     ppo: Literal["ours", "authors"] = "ours"
     """Hyperparameters of PPO: ours, 16 arms × 512 steps per rollout, as long as in the paper's robot experiments; or
     the authors' in simulation, one arm × 2048 steps, 32 minibatches of 64, 10 epochs."""

@@ -54,7 +54,8 @@ class RecordArm(Command):
     effect: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """An effect of the virtual arm, NAME:joint=JOINT,PARAMETER=NUMBER; may be given several times."""
     fault: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    """A fault of the virtual arm, NAME:PARAMETER=NUMBER, as in unplugged:servo=3,after=20; may be given repeatedly."""
+    """A fault of the virtual arm, NAME:PARAMETER=NUMBER, as in unplugged:servo=3,after=20; may be given several
+    times."""
     lockstep: bool = False
     """Simulate the virtual arm as fast as the machine can, instead of in real time."""
     blind: bool = False
@@ -62,7 +63,7 @@ class RecordArm(Command):
     name: str | None = None
     """Name of the dataset: the next version of datasets/NAME; ROBOT_EXCITATION by default."""
     out: Path | None = None
-    """Write to exactly this folder instead."""
+    """Write to exactly this folder instead of a version of datasets/NAME."""
     rate: float
     speed: float
 

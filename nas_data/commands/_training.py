@@ -8,12 +8,12 @@ import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
-from nas_data.runs.progress import Counting, say
+from nas_data.runs.progress import Counting, begin, say
 
 
 @dataclass(frozen=True, kw_only=True)
 class Train(TakesModel):
-    """Options of a training; None for the preset's value."""
+    """Options of a training."""
 
     kind: ClassVar[Literal["delta", "forward"]]
 
@@ -30,21 +30,23 @@ class Train(TakesModel):
     symmetric, for equally short recordings of a torque-controlled arm whose model states its symmetries (φ corrects
     the torques); or paper (teacher forcing, batch 1, learning rate 0.01, 250 epochs)."""
     hidden: int | None = None
-    """Units of each LSTM layer (128, 256 or 100 in the paper)."""
+    """Units of each LSTM layer (128, 256 or 100 in the paper); the preset's by default."""
     epochs: int | None = None
-    """Passes over the data with teacher forcing (with --updates 0, or if the source is not available)."""
+    """Passes over the data with teacher forcing (with --updates 0, or if the source is not available); the preset's by
+    default."""
     updates: int | None = None
-    """Updates with free-running (multi-step) rollouts; 0 trains by teacher forcing."""
+    """Updates with free-running (multi-step) rollouts; 0 trains by teacher forcing. The preset's by default."""
     horizon: int | None = None
-    """Longest free-running rollout [frames]."""
+    """Longest free-running rollout [frames]; the preset's by default."""
     validation: float | None = None
-    """Share held out for early stopping: of the episodes, or of the frames of each episode if there are few."""
+    """Share held out for early stopping: of the episodes, or of the frames of each episode if there are few. The
+    preset's by default."""
     episodes: Annotated[tuple[int, ...], tyro.conf.arg(metavar="N…")] = ()
     """Use only these episodes; all by default."""
     seed: int = 0
-    """Seed of weights, split, order and windows."""
+    """Seed of the initial weights, the split, and the order and windows of the training data."""
     device: str | None = None
-    """torch device; a GPU by default, if there is one."""
+    """Device of PyTorch, such as cpu or cuda; by default a GPU if there is one, else the CPU."""
 
     def run(self) -> CommandResult:
         """Train, evaluate on the held-out episodes against the baselines, and report the path of the checkpoint."""
@@ -64,6 +66,7 @@ class Train(TakesModel):
             seed=self.seed,
         )
         root = versions.resolve(self.dataset)
+        begin(f"reading {root}")
         name = versions.find_dataset_name(root).split("/")[0]
         folder = self.out or Path("runs") / f"{self.kind}-{name}-seed{self.seed}"
         request = TrainingRequest(

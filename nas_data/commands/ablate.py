@@ -9,14 +9,13 @@ import tyro
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
 from nas_data.errors import OptionError
-from nas_data.runs.progress import report_elapsed, say
+from nas_data.runs.progress import say
 
 if TYPE_CHECKING:
     from nas_data.models.presets import TrainingOptions
     from nas_data.studies.ablation.sweep import SweepPlan
     from nas_data.studies.ablation.sweep_data import Amount
 
-HEARTBEAT = 30.0  # [s] between two progress messages while trials run
 DEFAULT_COUNTS = (10, 25, 50, 100, 250, 500, 1000)  # training episodes, up to the available number
 QUICK = {"hidden": 32, "layers": 1, "updates": 40, "horizon": 60, "frames": 1600}  # a trial in seconds
 
@@ -36,15 +35,15 @@ class Ablate(TakesModel):
     dataset: tyro.conf.Positional[Path]
     """Dataset: a version's folder, or datasets/NAME for its newest version."""
     counts: tuple[str, ...] = ()
-    """Training episodes, such as 10,25,50,all. Default: 10,25,50,100,all, up to the available number."""
+    """Numbers of training episodes, such as 10,25,50,all. Default: 10,25,50,100,all, up to the available number."""
     minutes: tuple[str, ...] = ()
-    """Minutes of data instead of --counts, cut out of training episodes; for a few long episodes."""
+    """Minutes of training data, such as 1,2,5,all, instead of --counts; for a few long episodes."""
     seeds: tuple[str, ...] = ("0,1,2",)
-    """Seeds of the held-out episodes, of the subsets and of the trainings."""
+    """Seeds; each draws the held-out episodes, the subsets and the initial weights."""
     kinds: tuple[str, ...] = ("delta,forward",)
     """Models to train: delta (φ), forward (ψ), named (the source with effects named by `nas gap`), named_delta."""
     test: Path | None = None
-    """Dataset to test on; by default a share of the episodes is held out, drawn per seed."""
+    """Dataset to test on; by default each seed holds out a share of the episodes."""
     held_out: float = 0.2
     """Share of the held-out episodes."""
     effects: Path | None = None
@@ -60,7 +59,7 @@ class Ablate(TakesModel):
     updates: int | None = None
     """Updates of each training with free-running rollouts; the preset's by default."""
     horizon: int | None = None
-    """Longest free-running rollout [frames]."""
+    """Longest free-running rollout [frames]; the preset's by default."""
     quick: bool = False
     """Small networks and short trainings: a trial run in minutes."""
     workers: int = 1
@@ -85,7 +84,7 @@ class Ablate(TakesModel):
         check(plan)
         content = plan.material.content()
         trials = plan.trials(content, self.out)
-        with open_sweep(self.out, plan.identity(content)), report_elapsed("trials are running", HEARTBEAT):
+        with open_sweep(self.out, plan.identity(content)):
             results = run_sweep(trials, executor, self.workers, self.retry, say)
         found = summary.SweepSummary.of([(trial.config, result) for trial, result in zip(trials, results, strict=True)])
         more: dict[str, object] = {

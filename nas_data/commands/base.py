@@ -22,7 +22,7 @@ class CommandResult:
 class Command:
     """Base of the commands; a file `commands/a_b.py` holds the command `nas a b`."""
 
-    json: Annotated[bool, tyro.conf.arg(help="Print one JSON object for machines instead of text.")] = False
+    json: Annotated[bool, tyro.conf.arg(help="Print the result as one JSON object instead of text.")] = False
 
     @classmethod
     def normalise_arguments(cls, arguments: list[str]) -> list[str]:

@@ -7,7 +7,7 @@ from nas_data.commands._benchmark import Benchmark
 
 @dataclass(frozen=True, kw_only=True)
 class BenchmarkAugmented(Benchmark):
-    """Time PPO in environments with one batched φ, without φ, and with one network each, alternating; processor time.
+    """Measure the processor time of PPO in environments that share one φ, have no φ, or have one network each.
 
     Example: nas benchmark augmented --rounds 15
     """

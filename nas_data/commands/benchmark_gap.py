@@ -9,7 +9,7 @@ from nas_data.runs.progress import say
 
 @dataclass(frozen=True, kw_only=True)
 class BenchmarkGap(Command):
-    """Draw blind cases, run the gap workflow on each, and compare its report with the sealed answers.
+    """Draw blind cases, run the gap workflow on each, and compare its report with what was hidden.
 
     Finished cases are not repeated; the same command resumes an interrupted run. Cases of other versions of nas_data
     are refused.
@@ -33,11 +33,11 @@ class BenchmarkGap(Command):
     five episodes at 20 Hz), far (models with 3 to 50 times the true gain), torque (1 to 3 torque-controlled hinges
     or slides, episodes that begin in motion), or small (two joints, a few short episodes)."""
     power: bool = False
-    """Hide effects from 0.3 noise floors upwards, to measure which sizes are found."""
+    """Also hide effects as small as 0.3 noise floors, to measure from which size on they are found."""
     baselines: str = ""
-    """Other methods that get the same cases: sysid, one_step, phi; separated by commas."""
+    """Other methods to run on the same cases: sysid, one_step, phi; separated by commas. None by default."""
     keep: bool = False
-    """Keep the datasets of finished cases."""
+    """Keep the datasets of finished cases, which are deleted by default."""
 
     def run(self) -> CommandResult:
         """Run the unfinished cases, then tabulate all."""

@@ -7,7 +7,7 @@ from nas_data.commands._benchmark import Benchmark
 
 @dataclass(frozen=True, kw_only=True)
 class BenchmarkLoading(Benchmark):
-    """Read a whole dataset with our reader and a part of it with LeRobot's, alternating.
+    """Read a whole dataset with our reader and a part of it with LeRobot's, in turns.
 
     Example: nas benchmark loading --episodes 100 --frames 300
     """

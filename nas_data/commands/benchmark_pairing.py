@@ -7,7 +7,7 @@ from nas_data.commands._benchmark import Benchmark
 
 @dataclass(frozen=True, kw_only=True)
 class BenchmarkPairing(Benchmark):
-    """Pair a recorded dataset and run the bare rollouts, alternating; a ratio of 1 means no overhead.
+    """Pair a recorded dataset and run the bare rollouts, in turns; a ratio of 1 means no overhead.
 
     Example: nas benchmark pairing --episodes 300 --frames 300
     """

@@ -7,7 +7,7 @@ from nas_data.commands._benchmark import Benchmark
 
 @dataclass(frozen=True, kw_only=True)
 class BenchmarkRecording(Benchmark):
-    """Record the same paired episodes with our two commands and with add_frame and save_episode, alternating.
+    """Record and pair the same episodes with `nas`, and with Gymnasium and LeRobot's writer, in turns.
 
     Example: nas benchmark recording --episodes 20 --frames 300
     """

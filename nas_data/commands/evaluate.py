@@ -8,12 +8,12 @@ import tyro
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
 from nas_data.count_of import count_of
-from nas_data.runs.progress import Counting
+from nas_data.runs.progress import Counting, begin
 
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluate(TakesModel):
-    """Print one-step and open-loop errors of a checkpoint or model file on a dataset, with the trivial baselines.
+    """Print one-step and open-loop errors of a checkpoint or model file on a dataset, beside simple baselines.
 
     Example: nas evaluate runs/phi/checkpoint datasets/arm_test --model arm.xml
 
@@ -43,6 +43,7 @@ class Evaluate(TakesModel):
 
         learned = None if is_model(self.checkpoint) else as_learned(self.checkpoint)
         root = versions.resolve(self.dataset)
+        begin(f"reading {root}")
         dataset = Dataset.load(root, self.episodes)
         evaluation = evaluate(
             learned or self.checkpoint,

@@ -7,7 +7,7 @@ import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
-from nas_data.runs.progress import report_heartbeat
+from nas_data.runs.progress import begin, say
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,15 +24,15 @@ class Gap(TakesModel):
     out: Path
     """Folder of the report; an earlier report in it is replaced."""
     learn: int = 0
-    """Number of updates to train φ on the remaining gap (minutes); its share goes into the report."""
+    """Train φ on the remaining gap with this many updates (minutes), and report its share; 0 trains none."""
 
     def run(self) -> CommandResult:
         """Run all stages."""
         from nas_data.api.gap import identify
         from nas_data.gap.summary import summarise
 
-        with report_heartbeat("reading the recording") as say:
-            report = identify(
-                self.dataset, self.model, out=self.out, learn=self.learn, actuators=self.actuators, progress=say
-            )
+        begin("reading the recording")
+        report = identify(
+            self.dataset, self.model, out=self.out, learn=self.learn, actuators=self.actuators, progress=say
+        )
         return CommandResult(summarise(report, self.out), report.to_json())

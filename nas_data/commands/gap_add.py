@@ -9,7 +9,7 @@ import tyro
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
 from nas_data.count_of import count_of
-from nas_data.runs.progress import report_heartbeat, say
+from nas_data.runs.progress import begin, say
 
 if TYPE_CHECKING:
     from nas_data.gap.model_correction import ModelCorrection
@@ -28,7 +28,8 @@ class GapAdd(TakesModel):
     model: str
     """Model to correct: an MJCF or URDF file, or a robot's name."""
     effects: Path
-    """A gap report's folder, its effects.json (as written by `nas gap name`) or its report.json, which is rounded."""
+    """A gap report's folder, its effects.json (as written by `nas gap name`) or its report.json, whose numbers are
+    rounded."""
     out: Path
     """Folder for model.xml."""
     export: Literal["bam", "csv"] | None = None
@@ -46,13 +47,14 @@ class GapAdd(TakesModel):
         from nas_data.joint_units import find_display_unit
 
         check_model(self.out, self.model)
-        with report_heartbeat("writing and evaluating the model"):
-            problem = Problem.load(self.dataset, self.actuated(self.model))
-            named = ModelCorrection.read(self.effects)
-            final = FinalFit(named.effects, named.retuned, ())
-            self.out.mkdir(parents=True, exist_ok=True)
-            outcome = score_model(problem, final, FinalFit((), {}, ()), FinalFit((), {}, ()), self.out)
-            found = measure_gap(problem.held, outcome)
+        begin("reading the recording")
+        problem = Problem.load(self.dataset, self.actuated(self.model))
+        begin("writing and evaluating the model")
+        named = ModelCorrection.read(self.effects)
+        final = FinalFit(named.effects, named.retuned, ())
+        self.out.mkdir(parents=True, exist_ok=True)
+        outcome = score_model(problem, final, FinalFit((), {}, ()), FinalFit((), {}, ()), self.out)
+        found = measure_gap(problem.held, outcome)
         shown = " and ".join(
             f"{unit.text(errors.before, 3)} before, {unit.text(errors.after, 3)} after"
             for errors in (found, found.slides)

@@ -28,12 +28,13 @@ class GapFind(TakesModel):
         """Compare recording and model, and print the findings."""
         from nas_data.gap.finding.find import find
         from nas_data.gap.problem import Problem
-        from nas_data.runs.progress import report_heartbeat
+        from nas_data.runs.progress import begin
         from nas_data.typed_json import make_finite
 
-        with report_heartbeat("comparing model and recording"):
-            problem = Problem.load(self.dataset, self.actuated(self.model))
-            found = find(problem.dataset, problem.evidence, problem.as_given, problem.train.floor, problem.overlaps)
+        begin("reading the recording")
+        problem = Problem.load(self.dataset, self.actuated(self.model))
+        begin("comparing model and recording")
+        found = find(problem.dataset, problem.evidence, problem.as_given, problem.train.floor, problem.overlaps)
         text = found.text()
         if self.out is not None:
             self.out.mkdir(parents=True, exist_ok=True)

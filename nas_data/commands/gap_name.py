@@ -7,7 +7,7 @@ import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
-from nas_data.runs.progress import report_heartbeat
+from nas_data.runs.progress import begin, say
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,9 +33,9 @@ class GapName(TakesModel):
         from nas_data.gap.write_model import write_effects
         from nas_data.typed_json import to_json
 
-        with report_heartbeat("reading the recording") as say:
-            problem = Problem.load(self.dataset, self.actuated(self.model))
-            naming = name(problem.train, problem.held, say)
+        begin("reading the recording")
+        problem = Problem.load(self.dataset, self.actuated(self.model))
+        naming = name(problem.train, problem.held, say)
         nominal = problem.train.nominal
         self.out.mkdir(parents=True, exist_ok=True)
         path = write_effects(self.out, naming.final.effects, naming.final.factors, slides=nominal.slides)

@@ -9,7 +9,7 @@ import tyro
 
 from nas_data.commands.base import Command, CommandResult
 from nas_data.count_of import count_of
-from nas_data.runs.progress import PAUSE, RateLimited, say
+from nas_data.runs.progress import PAUSE, RateLimited, begin, say
 
 if TYPE_CHECKING:
     from nas_data.dataset.audits.base import AuditFinding
@@ -43,7 +43,7 @@ class ImportLogs(Command):
     """Unit of a LeRobot dataset: deg, range (−100 … 100, with --calibration) or rad. With a map it is inferred from the
     readings by default; without a map, every joint has this unit."""
     calibration: Path | None = None
-    """LeRobot's calibration file (JSON) of the recorded robot; required to convert −100 … 100."""
+    """LeRobot's calibration file (JSON) of the recorded robot; needed only to convert −100 … 100."""
     model: str | None = None
     """Model of the robot, to check sign and zero of each joint against limits and gravity. Without a map, it also gives
     the range of a gripper."""
@@ -54,11 +54,11 @@ class ImportLogs(Command):
     unwrap: bool = False
     """Unwrap joints whose encoders jump after a whole turn, such as from 180° to −180°."""
     cut: float | None = None
-    """Cut episodes into segments of this length [s], such as 3."""
+    """Cut episodes into segments of this length [s], such as 3; they stay whole by default."""
     name: str | None = None
     """Name of the dataset; the result is the next version below datasets/NAME. Default: the map's robot."""
     out: Path | None = None
-    """Write to exactly this folder, which must not exist."""
+    """Write to exactly this folder, which must not exist, instead of a version of datasets/NAME."""
 
     def run(self) -> CommandResult:
         """Read, audit, convert and write."""
@@ -78,8 +78,10 @@ class ImportLogs(Command):
             cut=self.cut,
             progress=RateLimited(lambda what: say(f"reading {what}"), first=PAUSE),
         )
+        begin(f"reading and checking {count_of(len(self.logs), 'log')}")
         imported = read_logs(request)
         result, name = imported.result, self.name or imported.name
+        begin("writing the dataset")
         root = versions.save(result.dataset, result.provenance, out=self.out, name=name, attachments=result.attachments)
         derived = () if imported.mapped else result.provenance.derived.items()
         lines = [*imported.notes, *(f"derived {key}: {how}" for key, how in derived)]

@@ -83,7 +83,8 @@ def describe_provenance(summary: "DatasetSummary") -> Iterator[str]:
 
 def describe_pairing(summary: "DatasetSummary") -> str:
     """Describe whether the dataset is paired, and with which source."""
+    from nas_data.dataset.summary import describe_source
+
     if not summary.paired:
         return "no (nas pair adds the predictions of a source model)"
-    words = [f"{key} {value}" for key, value in (summary.source or {}).items() if isinstance(value, str)]
-    return f"yes, with {', '.join(words) or 'an unknown source'}"
+    return f"yes, with {describe_source(summary.source) or 'an unknown source'}"

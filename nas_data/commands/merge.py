@@ -26,7 +26,7 @@ class Merge(Command):
     name: str | None = None
     """Name of the result: the next version below datasets/NAME; next to the first dataset by default."""
     out: Path | None = None
-    """Write to exactly this folder, which must not exist."""
+    """Write to exactly this folder, which must not exist, instead of a version of datasets/NAME."""
 
     def run(self) -> CommandResult:
         """Read, compare, merge and write."""

@@ -9,6 +9,7 @@ import tyro
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
 from nas_data.count_of import count_of
+from nas_data.runs.progress import begin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,9 +28,10 @@ class Pair(TakesModel):
     effect: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """Effect to add to the source, NAME:joint=JOINT,PARAMETER=NUMBER; may be given several times."""
     effects: Path | None = None
-    """A gap report's folder, or its effects.json: effects and retuned parameters to add to the source."""
+    """A gap report's folder, or its effects.json: effects and retuned parameters to add to the source. None by
+    default."""
     out: Path | None = None
-    """Exact folder of the new version; by default next to the dataset in datasets/NAME/."""
+    """Write to exactly this folder, which must not exist; by default the new version lies next to the dataset."""
 
     def run(self) -> CommandResult:
         """Pair the dataset and write the new version."""
@@ -41,6 +43,7 @@ class Pair(TakesModel):
 
         root = versions.resolve(self.dataset)
         versions.check_destination(out=self.out, parent=root)
+        begin(f"reading {root}")
         dataset = Dataset.load(root)
         derived = dict(dataset.origin.derived) if dataset.origin else {}
         source = PairingSource(
@@ -50,9 +53,11 @@ class Pair(TakesModel):
             report=self.effects,
             actuators=self.actuators,
         )
+        begin(f"pairing {count_of(dataset.n_frames, 'transition')}")
         pairing = make_pairs(dataset, source)
         paired = pairing.dataset
         provenance, kept = describe(paired)
+        begin("writing the dataset")
         folder = versions.save(paired, provenance, out=self.out, parent=root, attachments=kept)
         remarks = [pairing.remark] if pairing.remark else []
         lines = [*(f"derived {key}: {how}" for key, how in derived.items()), *remarks]

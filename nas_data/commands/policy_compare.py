@@ -21,9 +21,9 @@ class PolicyCompare(Command):
     """
 
     env: str = "ErgoReacher"
-    """Environment."""
+    """Environment, such as ErgoReacher or Pusher; an unknown name lists all."""
     dynamics: str = "backlash"
-    """Dynamics of the target: one of the environment's dynamics."""
+    """Dynamics of the target, such as backlash or paper; an unknown name lists all."""
     engine: Literal["mujoco", "bullet"] = "mujoco"
     """Physics engine of the target; the sources run in MuJoCo, so that `bullet` adds the difference of the engines."""
     delta: Path | None = None
@@ -33,7 +33,8 @@ class PolicyCompare(Command):
     effects: Path | None = None
     """A gap report's folder, or its effects.json, for the method named, which is skipped otherwise."""
     delta_named: Path | None = None
-    """Checkpoint of the φ that corrects the source with these effects, for the method named_nas."""
+    """Checkpoint of the φ that corrects the source with these effects, for the method named_nas, which is skipped
+    otherwise."""
     frames: int = 2_000_000
     """Control steps of each training; 2 million as in the paper."""
     seed: tuple[int, ...] = (0, 1, 2, 3, 4)

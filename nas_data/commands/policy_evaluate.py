@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import tyro
 
@@ -25,24 +25,24 @@ class PolicyEvaluate(Command):
     Example: nas policy evaluate runs/policy/ErgoReacher-named --on ergojr --port virtual --episodes 5
     """
 
-    policies: tyro.conf.Positional[tuple[Path, ...]]
+    policies: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="POLICY…")]
     """Folders written by `nas policy train`: of one policy, or of one per seed."""
     on: Literal["target", "source", "named", "ergojr"] = "target"
     """Where to evaluate: the target, the plain model, the model with named effects, or the arm itself."""
     dynamics: str = "backlash"
-    """Dynamics of the target: one of the environment's dynamics."""
+    """Dynamics of the target, such as backlash or paper; an unknown name lists all."""
     engine: Literal["mujoco", "bullet"] = "mujoco"
     """Physics engine of the evaluation."""
     effects: Path | None = None
-    """A gap report's folder, or its effects.json, for `named`."""
+    """A gap report's folder, or its effects.json; needed with --on named."""
     episodes: int = 100
     """Episodes of each policy; starts and goals are the same for all."""
     missed: float = 0.0
     """Share of ErgoShield's touches that are not detected; 0.10 to 0.15 on the authors' robots."""
     port: str | None = None
-    """Serial port of the arm's adapter, for `ergojr`; 'virtual' for a simulated arm."""
+    """Serial port of the arm's adapter, or 'virtual' for a simulated arm; needed with --on ergojr."""
     defender_port: str | None = None
-    """Serial port of the second arm, which ErgoShield needs."""
+    """Serial port of the second arm; ErgoShield needs it."""
     hits: str | None = None
     """Input device that types an 's' while sword and shield touch (a MakeyMakey), or 'simulated': computed from the
     measured poses, as used by virtual arms."""

@@ -21,16 +21,17 @@ class PolicyTrain(Command):
     """
 
     env: str = "ErgoReacher"
-    """Environment."""
+    """Environment, such as ErgoReacher or Pusher; an unknown name lists all."""
     on: Literal["source", "named", "target", "augmented", "forward"] = "source"
     """Training environment: the plain model, the model with named effects, the target itself (the expert), the model
     corrected by φ (and by named effects with --effects), or ψ alone."""
     checkpoint: Path | None = None
-    """Folder of the learned model φ or ψ, for `augmented` and `forward`."""
+    """Folder of the learned model: φ, needed with --on augmented, or ψ, needed with --on forward."""
     effects: Path | None = None
-    """A gap report's folder, or its effects.json, for `named`, or for `augmented` if φ was trained on top of it."""
+    """A gap report's folder, or its effects.json: needed with --on named, and with augmented if φ corrects this
+    model."""
     dynamics: str = "backlash"
-    """Dynamics of the target, for `target`: one of the environment's dynamics."""
+    """Dynamics of the target with --on target, such as backlash or paper; an unknown name lists all."""
     engine: Literal["mujoco", "bullet"] = "mujoco"
     """Physics engine, for all but ψ; a policy of one engine may be evaluated in the other."""
     frames: int = 2_000_000

@@ -25,11 +25,11 @@ class RobotOptions:
     type: str
     """LeRobot's robot, for example so101_follower, so100_follower or koch_follower."""
     port: str = ""
-    """Serial port of the adapter."""
+    """Serial port of the adapter; --port means the same."""
     id: str = ""
-    """Name of this arm, which selects its calibration file."""
+    """Name of this arm, which selects its calibration file; LeRobot's default if left out."""
     option: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    """Any other option of LeRobot's class, KEY=VALUE; equivalent to --robot.KEY=VALUE."""
+    """Any other option of LeRobot's robot, KEY=VALUE; --robot.KEY=VALUE means the same. May be given several times."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,13 +47,14 @@ class RecordLerobot(RecordArm):
     robot: RobotOptions
     """Robot, with the options of LeRobot's own commands."""
     port: str = ""
-    """Serial port, instead of --robot.port; 'virtual' for a simulated arm."""
+    """Serial port, or 'virtual' for a simulated arm; --robot.port means the same."""
     model: str | None = None
     """Model for collision checks and for the motion of a virtual arm; the included model of this robot by default."""
     reverse: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """A joint whose positive direction in LeRobot is opposite to the model's; may be given several times."""
     zero: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    """Model position of a joint at LeRobot's zero, JOINT=RADIANS; the middle of its range by default."""
+    """Model position of a joint at LeRobot's zero, JOINT=RADIANS; the middle of its range by default. May be given
+    several times."""
     rate: float = 50.0
     """Control rate [Hz]."""
     speed: float = 2.0

@@ -10,7 +10,7 @@ import tyro
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
 from nas_data.count_of import count_of
-from nas_data.runs.progress import PAUSE, RateLimited
+from nas_data.runs.progress import PAUSE, RateLimited, begin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,13 +27,13 @@ class RecordSim(TakesModel):
     env: str | None = None
     """An environment instead of a robot: its model, rate, initial states, objects, and commands in its action space."""
     dynamics: str = "backlash"
-    """Dynamics of the target, for --env: one of the environment's dynamics."""
+    """Dynamics of the target with --env, such as backlash or paper; an unknown name lists all."""
     engine: Literal["mujoco", "bullet"] = "mujoco"
     """Physics engine of the target."""
     effect: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """An effect of the target, NAME:joint=JOINT,PARAMETER=NUMBER; may be given several times."""
     effects: Path | None = None
-    """A file of effects, such as the effects.json of a gap report."""
+    """A file of effects, such as the effects.json of a gap report. None by default."""
     excitation: str = "steps"
     """Command signal, NAME or NAME:PARAMETER=NUMBER,…, such as steps, babbling, sine, multisine, triangle or chirp."""
     commands: Path | None = None
@@ -61,7 +61,7 @@ class RecordSim(TakesModel):
     name: str | None = None
     """Name of the dataset: the next version of datasets/NAME; ROBOT_EXCITATION by default."""
     out: Path | None = None
-    """Write to exactly this folder instead."""
+    """Write to exactly this folder instead of a version of datasets/NAME."""
 
     def run(self) -> CommandResult:
         """Record and write the dataset."""
@@ -72,6 +72,7 @@ class RecordSim(TakesModel):
 
         began = time.monotonic()
         check_destination(out=self.out, name=self.name or "dataset")
+        begin("simulating")
         dataset = record(
             self.robot,
             env=self.env,
@@ -96,6 +97,7 @@ class RecordSim(TakesModel):
         )
         provenance, _ = describe(dataset)
         name = self.name or f"{dataset.robot_type}_{dataset.tasks[0]}"
+        begin("writing the dataset")
         path = save(dataset, provenance, out=self.out, name=name)
         took = time.monotonic() - began
         text = (

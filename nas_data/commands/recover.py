@@ -33,7 +33,7 @@ class Recover(Command):
     name: str | None = None
     """Name of the result: the next version below datasets/NAME; that of the damaged dataset by default."""
     out: Path | None = None
-    """Write to exactly this folder, which must not exist."""
+    """Write to exactly this folder, which must not exist, instead of a version of datasets/NAME."""
 
     def run(self) -> CommandResult:
         """Find, check and write the complete episodes."""

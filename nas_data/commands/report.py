@@ -3,12 +3,14 @@
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from nas_data.commands.base import Command, CommandResult
+from nas_data.count_of import count_of
 from nas_data.errors import OptionError, OutputExists
+from nas_data.runs.progress import begin
 
 if TYPE_CHECKING:
     from nas_data.reports.page import HtmlPage
@@ -23,7 +25,7 @@ class Report(Command):
     Example: nas report runs/delta-arm-seed0 runs/policy --out report.html
     """
 
-    runs: tyro.conf.Positional[tuple[Path, ...]]
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN…")]
     """Folders written by `nas train`, `nas policy train`, a comparison, `nas demo`, `nas gap` or `nas ablate`, parents
     of such folders, or datasets."""
     out: Path = Path("report.html")
@@ -59,12 +61,14 @@ class Report(Command):
             if kind == "runs":
                 runs.append(path)
                 continue
+            begin(f"drawing {path}")
             pages.append(page_of(path, kind))
             counts[kind] += 1
         if runs:
             from nas_data.reports.run_sections import make_models_section, make_policies_section
             from nas_data.reports.runs import find_runs
 
+            begin(f"drawing {count_of(len(runs), 'folder')} of runs")
             found = find_runs(runs)
             sections = [make_models_section(found.models)] if found.models else []
             sections += [make_policies_section(found.groups())] if found.policies else []

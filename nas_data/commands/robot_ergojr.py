@@ -40,7 +40,7 @@ class RobotErgojr(Command):
     reboot: bool = False
     """Restart every servo first, which clears an overload or overheating; a raised arm falls."""
     rename: str | None = None
-    """Change a servo's ID, OLD:NEW; only one servo may have the ID OLD."""
+    """Change a servo's ID, given as OLD:NEW; only one servo may have the ID OLD."""
     effect: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """An effect of the virtual arm, NAME:joint=JOINT,PARAMETER=NUMBER; may be given several times."""
     fault: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()

@@ -27,7 +27,8 @@ class Split(Command):
     dataset: tyro.conf.Positional[Path]
     """Dataset: a folder, or datasets/NAME for its newest version."""
     episodes: str | None = None
-    """Episodes of the first part, such as 0,1,2 or 0-11,14; the others form the second."""
+    """Episodes of the first part, such as 0,1,2 or 0-11,14; the others form the second. Give this, --share or
+    --seconds."""
     share: float | None = None
     """Share of the episodes, drawn at random, for the first part, such as 0.8; instead of --episodes."""
     seed: int = 0

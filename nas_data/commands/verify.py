@@ -7,6 +7,7 @@ import tyro
 
 from nas_data.commands.base import Command, CommandResult
 from nas_data.count_of import count_of
+from nas_data.runs.progress import begin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,6 +28,7 @@ class Verify(Command):
         from nas_data.dataset.versions import resolve
 
         root = resolve(self.dataset)
+        begin(f"checking {root}")
         findings = examine(root)
         verdict = "is valid" if not findings.problems else f"has {count_of(len(findings.problems), 'problem')}"
         lines = [

@@ -16,7 +16,7 @@ class View(ShowsEpisode):
     """
 
     out: Path | None = None
-    """Write a file instead of opening a window; `rerun FILE.rrd` opens it on any machine."""
+    """Write this file instead of opening a window; `rerun FILE.rrd` opens it on any machine."""
 
     def run(self) -> CommandResult:
         """Simulate and log."""

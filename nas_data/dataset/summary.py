@@ -115,6 +115,14 @@ def summarize(path: Path) -> DatasetSummary:
     )
 
 
+def describe_source(source: Mapping[str, object] | None) -> str:
+    """Return name, engine and hash of a source as text; empty if none is known."""
+    known = source or {}
+    engine = " ".join(str(known[key]) for key in ("engine", "engine_version") if key in known)
+    digest = f"SHA-256 {known['sha256']}" if "sha256" in known else ""
+    return ", ".join(filter(None, (str(known.get("name", "")), engine, digest)))
+
+
 def trace_provenance(root: Path) -> tuple[tuple[str, Provenance], ...]:
     """Return the provenance of a dataset, of its first parent, and so on, each with its name.
 

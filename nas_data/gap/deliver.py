@@ -74,6 +74,12 @@ class Delivery:
         """Fit another description to the training episodes, with finer physics steps or without."""
         return fit_final(replace(self.problem.train, fine=fine), description, dict(factors), **options)
 
+    def deliver_with_names(self, other: HeldOutResult) -> Delivered:
+        """Return another model with the names as found, which `effects.json` then holds."""
+        final, slides = self.naming.final, self.problem.held.nominal.slides
+        write_effects(self.folder, final.effects, final.factors, slides, other.contains)
+        return self.naming, replace(other, after=self.outcome.after)
+
     @property
     def names(self) -> Description:
         """Description of the named effects at their fitted values."""
@@ -114,10 +120,8 @@ def keep_written_names(found: Delivery) -> Delivered | None:
     part = found.fit(select_written_effects(found.with_plain), found.factors_with_plain, final.fine)
     if not found.accepts(predict_held(found.problem, part)):
         return None
-    written = found.score(part)
-    write_effects(found.folder, final.effects, final.factors, slides=found.problem.held.nominal.slides)
-    return found.naming, replace(
-        written, after=found.outcome.after, expresses_all=False, delivered="names of MJCF and plain"
+    return found.deliver_with_names(
+        replace(found.score(part), expresses_all=False, delivered="names of MJCF and plain")
     )
 
 
@@ -137,15 +141,12 @@ def write_plain_fit(found: Delivery) -> Delivered | None:
     Where an error is not at the noise floor, for example because it grows from the start of an episode, a small
     difference between two models is no evidence against the simpler one.
     """
-    naming, outcome = found.naming, found.outcome
+    outcome = found.outcome
     plain = found.rms(outcome.plain)
     near = found.rms(outcome.after) <= (1 + ERROR_SHARE) * plain
-    if not naming.findings or not near or plain > found.rms(outcome.before):
+    if not found.naming.findings or not near or plain > found.rms(outcome.before):
         return None
-    written = found.score(naming.plain)
-    slides = found.problem.held.nominal.slides
-    write_effects(found.folder, naming.final.effects, naming.final.factors, in_file=False, slides=slides)
-    return naming, replace(written, after=outcome.after, delivered="plain")
+    return found.deliver_with_names(replace(found.score(found.naming.plain), delivered="plain"))
 
 
 def leave_names_out(found: Delivery) -> Delivered:

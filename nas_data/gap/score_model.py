@@ -69,9 +69,8 @@ def score_model(problem: Problem, final: FinalFit, null: FinalFit, plain: FinalF
         write_model(folder, nominal, effects, factors, float(named.spec.option.timestep))
     else:
         expresses_all = write_nearest(problem, final, folder, named)
-    write_effects(folder, effects, factors, expresses_all, nominal.slides)
     written = Nominal.load(folder / MODEL, held).predict_from_inferred_start(held)
-    return HeldOutResult(
+    outcome = HeldOutResult(
         before=problem.as_given.predict_from_inferred_start(held),
         retuned=nominal.predict_from_inferred_start(held, (), null.factors),
         plain=predict_held(problem, plain),
@@ -80,6 +79,8 @@ def score_model(problem: Problem, final: FinalFit, null: FinalFit, plain: FinalF
         model=folder / MODEL,
         expresses_all=expresses_all,
     )
+    write_effects(folder, effects, factors, nominal.slides, outcome.contains)
+    return outcome
 
 
 def predict_held(problem: Problem, final: FinalFit) -> np.ndarray:

@@ -4,7 +4,8 @@ import difflib
 import json
 import re
 import tempfile
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from operator import attrgetter
 from pathlib import Path
 
 import mujoco
@@ -83,9 +84,8 @@ def write_effects(
     folder: Path,
     effects: Sequence[Effect],
     factors: Mapping[str, float],
-    expresses_all: bool = False,
     slides: Collection[str] = (),
-    in_file: bool = True,
+    contains: Callable[[Effect], bool] = attrgetter("in_model"),
 ) -> Path:
     """Write named effects and retuned base parameters for `nas record sim --effects` and `nas pair`.
 
@@ -93,13 +93,10 @@ def write_effects(
         folder: Output folder.
         effects: Effects.
         factors: Factors of base parameters.
-        expresses_all: Whether the model file also expresses effects with hooks.
         slides: Slides of the model, which have other units.
-        in_file: Whether the model file contains the effects that it can express.
+        contains: Whether the model file contains an effect; by default those that MJCF expresses.
     """
-    entries = [
-        {**effect.to_json(slides), "in_model_xml": in_file and (expresses_all or effect.in_model)} for effect in effects
-    ]
+    entries = [{**effect.to_json(slides), "in_model_xml": contains(effect)} for effect in effects]
     content = {"schema": 1, "effects": entries, "retuned": dict(factors)}
     path = folder / EFFECTS
     path.write_text(json.dumps(content, indent=1), encoding="utf-8")

@@ -18,6 +18,7 @@ from nas_data.models.lstm import DynamicsModel
 from nas_data.models.threads import one_thread
 from nas_data.open_loop import make_batches, pad_commands, roll_out_source
 from nas_data.pairing import pair, read_initial_states
+from nas_data.runs.progress import begin
 from nas_data.simulators.base import Simulator, Stepper
 from nas_data.text_table import align_columns
 
@@ -136,15 +137,18 @@ def evaluate(
         JointMismatch: dataset, simulator and model do not fit together.
     """
     measured = [dataset.next_states[rows] for rows in dataset.episodes()]
+    begin("simulating the source")
     if simulator is not None:
         dataset = pair(dataset, simulator)
     one_step, rollouts = predict_baselines(dataset, simulator)
     for name, other in others.items():
+        begin(f"simulating the {name}")
         predicted = pair(dataset, other).sim_states
         one_step = {name: [predicted[rows] for rows in dataset.episodes()]} | one_step
         rollouts = {name: roll_out_source(dataset, other)} | rollouts
     if model is not None:
         name = MODEL[model.kind]
+        begin(f"predicting with {name}")
         one_step = {name: predict_one_step(dataset, model, simulator)} | one_step
         rollouts = {name: roll_out_model(dataset, simulator, model, progress)} | rollouts
     joints = dataset.joints

@@ -16,6 +16,7 @@ from nas_data.models.jacobians import estimate_jacobians
 from nas_data.models.lstm import DynamicsModel, Memory
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.stateful_source import start_at_windows, step_from
+from nas_data.runs.progress import begin
 from nas_data.simulators.base import Simulator, Stepper
 
 SHORTEST = 20  # frames of the first free-running windows
@@ -153,7 +154,10 @@ class FreeRunning:
         self.stride = -(-len(everything) // MOST_JACOBIANS)
         self.jacobians = None
         if self.simulator is not None:
-            self.jacobians = [self._estimate_jacobians(self.simulator, episode) for episode in self.episodes]
+            self.jacobians = []
+            for number, episode in enumerate(self.episodes, 1):
+                begin(f"linearising the source: episode {number} of {len(self.episodes)}")
+                self.jacobians.append(self._estimate_jacobians(self.simulator, episode))
 
     def _scale(self, spread: Tensor, slides: Collection[str]) -> Tensor:
         """Return, for each joint, the mean of standard deviations (n,) over the joints of its kind, shape (n,)."""
@@ -214,7 +218,7 @@ class FreeRunning:
         return corrected[:, 0], refused, memory
 
     def _has_diverged(self, error: Tensor) -> Tensor:
-        """Return a mask of the diverged rollouts for errors (B, 2n), shape (B,); they would dominate the loss."""
+        """Return a mask of the rollouts that diverged and would dominate the loss, shape (B,), from errors (B, 2n)."""
         n = len(self.model.joints)
         near = (error[:, :n].abs() < DIVERGED_DEVIATIONS * self.position_scale / POSITION_SCALE).all(dim=1)
         return ~(near & (error[:, n:].abs() < DIVERGED_DEVIATIONS * self.velocity_scale).all(dim=1))

@@ -16,6 +16,7 @@ from nas_data.models.lstm import DynamicsModel
 from nas_data.models.optimiser import Optimiser
 from nas_data.models.threads import one_thread
 from nas_data.models.training import ModelTraining
+from nas_data.runs.progress import begin
 
 CHECKPOINT = "checkpoint"
 HISTORY = "history.json"
@@ -91,6 +92,7 @@ class TrainingRun:
         phase, progress = self.training.phase, self.progress
         losses: list[float] = []
         while progress.update < phase.updates and not self._is_stalled():
+            begin(f"{phase.name}, update {progress.update + 1} of {phase.updates}")
             losses.append(self.optimiser.update(progress.update))
             progress.update += 1
             if progress.update % phase.per_validation == 0 or progress.update == phase.updates:
@@ -106,6 +108,7 @@ class TrainingRun:
 
     def _validate(self, loss: float) -> None:
         """Compute the validation error, save the best model, and store the state of the training."""
+        begin("validating")
         model, progress = self.optimiser.model, self.progress
         error = self.training.validation_error(model)
         if not progress.history and not math.isfinite(error):

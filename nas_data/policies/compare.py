@@ -44,7 +44,7 @@ class Study:
     dataset: str | None = None  # content hash of the dataset behind learned and named dynamics; None if unknown
 
     def trained_as(self, method: str) -> str:
-        """Return the first method that trains on the same dynamics; both share their policies."""
+        """Return the first method that trains on the same dynamics: its policies serve for this method, too."""
         return next(name for name, plant in self.methods.items() if plant == self.methods[method])
 
     @property

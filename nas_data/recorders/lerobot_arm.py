@@ -11,8 +11,8 @@ from lerobot.robots import Robot as LeRobot
 from lerobot.utils.errors import DeviceNotConnectedError
 
 from nas_data.errors import ArmError, BadReply, ServoSilent
-from nas_data.hardware.arms.base import Health, Reading
-from nas_data.hardware.arms.line import ATTEMPTS, Line, Register, guard_options, report_lost_port
+from nas_data.hardware.arms.base import ArmOpener, Health, Reading
+from nas_data.hardware.arms.line import ATTEMPTS, Line, make_line_opener, report_lost_port
 from nas_data.hardware.arms.port_errors import make_lost_port_error, make_port_error
 from nas_data.recorders.lerobot_checks import (
     VOLTAGE,
@@ -23,6 +23,7 @@ from nas_data.recorders.lerobot_checks import (
     refuse_unfit,
 )
 from nas_data.recorders.lerobot_frame import Frame
+from nas_data.recorders.lerobot_reading import ReadingFormat
 from nas_data.recorders.lerobot_servos import (
     convert_to_units,
     find_family,
@@ -53,8 +54,7 @@ class LeRobotArm:
         kind: LeRobot's `--robot.type`.
         line: The bus with its servos.
         control: Registers by LeRobot's names.
-        start: Address of the first byte of a regular reading.
-        end: Address after the last byte of a regular reading.
+        reading: Contents of a regular reading.
         sequential: Whether servos are read one by one, because they lack sync read.
         retries: Readings that needed more than one attempt.
     """
@@ -84,8 +84,7 @@ class LeRobotArm:
         self.line = Line(find_stop_registers(self.bus), self.ids, self.bus.port_handler, self.bus.packet_handler)
         self.bus.write = self._wrap_with_retries(type(self.bus).write)
         self.bus.read = self._wrap_with_retries(type(self.bus).read)
-        self.start, self.end = self._find_address_range()
-        self._last: list[bytes] = []
+        self.reading = ReadingFormat(self.bus, frame)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -160,18 +159,7 @@ class LeRobotArm:
             self.retries += not self.sequential
             began = self._now()
             answers = self._read_one_by_one()
-        self._last = answers
-        table, errors = self.line.table, self.control[self._family.errors]
-        replies = answers if self.start <= errors.address < self.end else []
-        return Reading(
-            time=(began + self._now()) / 2,
-            positions=self.frame.positions(self._column(table.position)),
-            velocities=self._column(table.speed) * table.speed_unit * self._compute_travel_per_radian(),
-            loads=self._column(self.control[self._family.load]) * self._family.load_unit * np.sign(self.frame.ticks),
-            raw=b"".join(self._state(answer) for answer in answers),
-            alerts=tuple(i for i, data in zip(self.ids, replies, strict=False) if errors.decode(data, self.start)),
-            goals=self.frame.positions(self._column(table.goal)),
-        )
+        return self.reading.decode(answers, (began + self._now()) / 2)
 
     def refuse_alerts(self, reading: Reading) -> None:
         """Refuse an arm with a servo that has shut down.
@@ -248,36 +236,16 @@ class LeRobotArm:
         """Return a servo's name for messages: its ID and joint."""
         return f"Servo {identity} ({self.names[self.ids.index(identity)]})"
 
-    def _find_address_range(self) -> tuple[int, int]:
-        """Return the address range of a regular reading."""
-        table = self.line.table
-        wanted = [table.goal, table.position, table.speed, self.control[self._family.load]]
-        errors = self.control[self._family.errors]
-        wanted += [errors] if errors.address > table.position.address else []
-        return min(one.address for one in wanted), max(one.address + one.size for one in wanted)
-
     def _read_in_sync(self) -> list[bytes] | None:
-        return self.line.read_all(self.start, self.end - self.start)
+        return self.line.read_all(self.reading.start, self.reading.size)
 
     def _read_one_by_one(self) -> list[bytes]:
         try:
-            return [self.line.read_bytes(identity, self.start, self.end - self.start) for identity in self.ids]
+            return [self.line.read_bytes(identity, self.reading.start, self.reading.size) for identity in self.ids]
         except ServoSilent:
             if all(self.line.ping(identity) is None for identity in self.ids):
                 raise make_no_answer_error(self.bus.port) from None
             raise
-
-    def _column(self, register: Register) -> np.ndarray:
-        return np.array([register.decode(answer, self.start) for answer in self._last], float)
-
-    def _state(self, answer: bytes) -> bytes:
-        """Return the bytes of a reply that measure the servo's state, without the goal."""
-        return answer[self.line.table.position.address - self.start :]
-
-    def _compute_travel_per_radian(self) -> np.ndarray:
-        """Return the joints' travel per radian of their servos [rad/rad; m/rad], shape (n,)."""
-        turns = [self.bus.model_resolution_table[motor.model] for motor in self.bus.motors.values()]
-        return np.asarray(self.frame.ticks * np.array(turns) / (2 * np.pi))
 
     def _wrap_with_retries(self, exchange: Callable[..., object]) -> Callable[..., object]:
         """Wrap a bus function so that it is repeated when a servo does not answer: LeRobot tries only once."""
@@ -350,6 +318,7 @@ class LeRobotDriver:
         """Open the port; see `LeRobotArm`."""
         return LeRobotArm(self.robot, self.kind, self.frame, now)
 
-    def guard_options(self) -> dict[str, object]:
-        """Return the options with which the watchdog opens the arm."""
-        return guard_options(find_stop_registers(self.bus), [motor.id for motor in self.bus.motors.values()], self.port)
+    def opener(self) -> ArmOpener:
+        """Return how the watchdog opens the arm."""
+        ids = [motor.id for motor in self.bus.motors.values()]
+        return make_line_opener(find_stop_registers(self.bus), ids, self.port)

@@ -47,7 +47,7 @@ def refuse_strangers(arm: "LeRobotArm") -> None:
     if not here:
         raise make_no_answer_error(arm.bus.port)
     for identity in here:
-        counts = [arm.line.count_replies(identity, arm.start, arm.end - arm.start) for _ in range(TRIES)]
+        counts = [arm.line.count_replies(identity, arm.reading.start, arm.reading.size) for _ in range(TRIES)]
         if 2 * sum(sound > 1 for sound, _ in counts) > TRIES or all(damaged and not sound for sound, damaged in counts):
             raise DuplicateId(
                 f"Two servos have the ID {identity}; unplug all but one of them and give it its own ID "

@@ -103,7 +103,7 @@ def find_stop_registers(bus: SerialMotorsBus) -> StopRegisters:
 
 
 def convert_to_units(bus: SerialMotorsBus, counts: np.ndarray) -> list[float]:
-    """Return the goals in LeRobot's units that make it send these counts, shape (n,); it truncates fractions."""
+    """Return the goals in LeRobot's units that make it send these counts, shape (n,); LeRobot truncates fractions."""
     wanted = []
     for (name, motor), count in zip(bus.motors.items(), counts.tolist(), strict=True):
         known = bus.calibration[name]

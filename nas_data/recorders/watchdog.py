@@ -12,11 +12,11 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from dataclasses import asdict
 from types import TracebackType
 
 from nas_data.errors import ArmError, GuardLost
-from nas_data.hardware.arms.base import Driver, make_safe, open_for_guard
+from nas_data.hardware.arms.base import ArmOpener, Driver, make_safe
 
 HEARTBEAT = b"all is well"
 HANG = 1.0  # [s] after its deadline at which a silent process counts as hung
@@ -34,7 +34,7 @@ class Watchdog:
         command = [sys.executable, "-m", "nas_data.recorders.watchdog"]
         # a new session: Ctrl-C in the terminal is for the recorder and must not end the watchdog
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, bufsize=0, start_new_session=True)
-        order = {"pid": os.getpid(), "port": driver.port, "charge": driver.guard_options(), "hang": HANG}
+        order = {"pid": os.getpid(), "port": driver.port, "opener": asdict(driver.opener()), "hang": HANG}
         self._tell(json.dumps(order).encode())
 
     def extend_deadline(self, seconds: float) -> None:
@@ -82,7 +82,7 @@ def guard() -> None:
     if reason == HUNG:
         kill_recorder(options["pid"])
     if reason:
-        print(f"nas: {rescue(options['port'], options['charge'], reason)}", file=sys.stderr)
+        print(f"nas: {rescue(options['port'], ArmOpener(**options['opener']), reason)}", file=sys.stderr)
 
 
 class LineReader:
@@ -129,18 +129,18 @@ def kill_recorder(process: int) -> None:
             os.kill(process, signal.SIGKILL)
 
 
-def rescue(port: str, options: Mapping[str, object], reason: str = DIED) -> str:
+def rescue(port: str, opener: ArmOpener, reason: str = DIED) -> str:
     """Open the arm, hold it, and switch its torque off; return a sentence on what was done and why.
 
     Args:
         port: Path of the port, for the sentence.
-        options: Output of `Driver.guard_options`.
+        opener: How to open the arm; see `Driver.opener`.
         reason: Why the arm is stopped.
     """
     until = time.monotonic() + PATIENCE
     while True:
         try:
-            arm = open_for_guard(options)
+            arm = opener.open()
             break
         except ArmError as error:
             if time.monotonic() > until:

@@ -8,11 +8,13 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.joint_units import JointUnit, find_joint_unit
 from nas_data.reports.charts import Trace, make_axes, make_axis, make_dots, make_level_line, make_line
 from nas_data.reports.page import Chart
-from nas_data.reports.style import BLACK, BLUE, LIGHT, ORANGE, STROKES, VERMILION, Stroke
+from nas_data.reports.style import BLUE, LIGHT, STROKES, VERMILION, Stroke
 
 BINS = 40  # of histograms of positions and speeds
 STEP_BINS = 60  # of the histogram of the clock's steps
 COLUMNS = 2  # panels per row
+GAP = 0.08  # margin of a panel towards the panel beside it, for the numbers of an axis, as a share of the width
+COMMAND = Stroke(VERMILION, width=1.4)  # a solid line: dots, as in other figures, would hide the steps
 DENSITY = [[0.0, "#0072b200"], [0.02, "#0072b233"], [1.0, "#0072b2ff"]]
 
 
@@ -35,7 +37,7 @@ class Panels:
         mark, (row, column) = str(number + 1) if number else "", divmod(number, COLUMNS)
         width, height = 1 / COLUMNS, 1 / self.rows
         top = 1 - row * height
-        across = [column * width + (0.06 if column else 0.0), (column + 1) * width - (0.0 if column else 0.06)]
+        across = [column * width + (GAP if column else 0.0), (column + 1) * width - (0.0 if column else GAP)]
         upwards = [top - height + 62 / self.height, top]
         self.layout[f"xaxis{mark}"] = {
             "title": {"text": text, "standoff": 2, "font": {"size": 12}},
@@ -74,10 +76,12 @@ def make_coverage_chart(dataset: Dataset) -> Chart:
         )
         panels.title(place, f"{joint} [{unit.mark.strip()}]")
     caption = (
-        "Position (across) and speed in the same unit a second (upwards) of each joint; the stronger the colour, the "
-        "more rows. An effect that acts where nothing was recorded cannot be found."
+        "One panel per joint: position on the horizontal axis, speed [the same unit per second] on the vertical one. "
+        "The stronger the colour, the more rows. An effect that acts where nothing was recorded cannot be found."
     )
-    return Chart("states", caption, traces, {**panels.layout, "hovermode": "closest"}, panels.height)
+    room = {"l": 10, "r": 10, "t": 34, "b": 10}  # [px] above the panels for the buttons, without a legend there
+    layout = {**panels.layout, "hovermode": "closest", "margin": room}
+    return Chart("states", caption, traces, layout, panels.height)
 
 
 def make_command_chart(dataset: Dataset) -> Chart:
@@ -86,19 +90,17 @@ def make_command_chart(dataset: Dataset) -> Chart:
     for place, (joint, unit) in enumerate(list_joint_units(dataset).items()):
         is_position = dataset.kinds[place] == ".pos"
         factor = unit.factor if is_position else 1.0
-        shown = {"command": (factor * dataset.commands[:, place], ORANGE)}
+        shown = {"command": (factor * dataset.commands[:, place], COMMAND)}
         if is_position:
-            shown = {"measured": (factor * dataset.states[:, place], BLACK), **shown}
+            shown = {"measured": (factor * dataset.states[:, place], STROKES["measured"]), **shown}
         edges = np.histogram_bin_edges(np.concatenate([values for values, _ in shown.values()]), BINS)
-        for name, (values, colour) in shown.items():
+        for name, (values, look) in shown.items():
             share = 100 * np.histogram(values, edges)[0] / len(values)
-            steps = {"line": {"color": colour, "width": 1.6, "shape": "hvh"}, "showlegend": place == 0}
-            traces.append(
-                make_line((edges[1:] + edges[:-1]) / 2, share, name, STROKES[name], **steps, **panels.place(place))
-            )
+            steps = {"line": {"color": look.colour, "width": 1.4, "shape": "hv"}, "showlegend": place == 0}
+            traces.append(make_line(edges, np.append(share, share[-1]), name, look, **steps, **panels.place(place)))
         unit_name = unit.mark.strip() if is_position else dataset.features["action"].units[place]
         panels.title(place, f"{joint} [{unit_name}]")
-    caption = "Share of the rows [%] with each command, and with each measured position."
+    caption = "Share of the rows [%] by command, and by measured position."
     return Chart("commands", caption, traces, panels.layout, panels.height)
 
 
@@ -132,9 +134,9 @@ def make_episode_chart(dataset: Dataset, episode: int) -> Chart:
             make_line(time, unit.factor * dataset.states[rows, place], "measured", STROKES["measured"], **where)
         )
         if dataset.kinds[place] == ".pos":
-            stroke = {"line": {"color": VERMILION, "width": 1.2, "shape": "hv"}}
+            stroke = {"line": {"color": COMMAND.colour, "width": COMMAND.width, "shape": "hv"}}
             command = unit.factor * dataset.commands[rows, place]
-            traces.append(make_line(time, command, "command", Stroke(VERMILION), **stroke, **where))
+            traces.append(make_line(time, command, "command", COMMAND, **stroke, **where))
         panels.title(place, f"{joint} [{unit.mark.strip()}]")
     return Chart(
         f"episode_{episode}", f"Episode {episode}: positions over time [s].", traces, panels.layout, panels.height

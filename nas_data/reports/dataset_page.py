@@ -10,7 +10,7 @@ from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.audits.timing import find_holes
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import TIME
-from nas_data.dataset.summary import DatasetSummary, summarize
+from nas_data.dataset.summary import DatasetSummary, describe_source, summarize
 from nas_data.dataset.timing import LATE
 from nas_data.errors import NasError
 from nas_data.reports.dataset_charts import (
@@ -101,7 +101,7 @@ def read_page(folder: Path) -> HtmlPage:
         PageSection("Coverage of states", [make_coverage_chart(dataset), make_ranges_table(dataset)]),
         PageSection("Coverage of commands", [make_command_chart(dataset)]),
         PageSection("Rates and jitter", make_timing_blocks(dataset, steps)),
-        PageSection("Holes", make_hole_blocks(dataset, steps)),
+        PageSection("Missing rows", make_hole_blocks(dataset, steps)),
         PageSection("Episodes to look at", make_episode_blocks(dataset, measure_episodes(dataset, steps))),
         make_provenance_section(summary),
     ]
@@ -112,7 +112,7 @@ def format_lead(summary: DatasetSummary) -> str:
     """Describe the recording in one sentence."""
     frames, count = sum(summary.lengths), len(summary.lengths)
     joints = f" with {count_of(len(summary.joints), 'joint')}" if summary.joints else ""
-    commands = f", commanded in {summary.commands}" if summary.commands else ""
+    commands = f", with {summary.commands} commands" if summary.commands else ""
     paired = ", paired with a source's predictions" if summary.paired else ""
     return (
         f"{count_of(count, 'episode')} of {summary.robot}{joints}, {frames / summary.rate:.4g} s at "
@@ -132,15 +132,20 @@ def make_ranges_table(dataset: Dataset) -> HtmlTable:
             (
                 joint,
                 unit.mark.strip(),
-                f"{positions.min():.1f} … {positions.max():.1f}",
+                format_range(positions, 1),
                 f"{np.quantile(speeds, 0.95):.1f}",
                 f"{speeds.max():.1f}",
-                f"{commands.min():.2f} … {commands.max():.2f}",
+                format_range(commands, 2),
                 f"{turns}",
             )
         )
-    headers = ("", "unit", "positions", "speed, 95 % below", "top speed", "commands", "reversals")
-    return HtmlTable(headers, rows, "Speeds in the unit a second. Reversals: how often the speed changes its sign.")
+    headers = ("", "unit", "positions", "95 % of speeds below", "top speed", "commands", "reversals")
+    return HtmlTable(headers, rows, "Speeds are in this unit per second. Reversals are changes of the speed's sign.")
+
+
+def format_range(values: np.ndarray, digits: int) -> str:
+    """Return the smallest and the largest value."""
+    return f"{values.min():.{digits}f} … {values.max():.{digits}f}".replace("-", "−")
 
 
 def make_timing_blocks(dataset: Dataset, steps: Sequence[np.ndarray]) -> list[Block]:
@@ -184,17 +189,22 @@ def make_episode_blocks(dataset: Dataset, measured: Mapping[str, np.ndarray]) ->
     lead = f"These differ from the others: {'; '.join(names)}." if names else "No episode differs much from the others."
     listed = range(min(dataset.n_episodes, MOST_EPISODES))
     rows = [
-        (str(place), *(f"{values[place]:.3g}" for values in measured.values()), ", ".join(striking.get(place, [])))
+        (str(place), *(f"{values[place]:.3f}" for values in measured.values()), ", ".join(striking.get(place, [])))
         for place in listed
     ]
+    width = 1 + len(measured) + bool(striking)  # without unusual episodes, the last column is empty
     note = (
-        "Travel, top speed and command − position are shares of the joint's range, or of its largest speed, in the "
-        "whole dataset; the joint with the largest share counts."
+        "Travel and command − position are relative to the range of a joint in the whole dataset, top speed to its "
+        "largest speed; travel and top speed are those of the joint with the largest value. Uneven steps are a share."
     )
     if len(listed) < dataset.n_episodes:
         note += f" Only the first {MOST_EPISODES} of {dataset.n_episodes} episodes."
     drawn = [make_episode_chart(dataset, episode) for episode in (list(striking) or [0])[:SHOWN]]
-    return [Text(lead), *drawn, HtmlTable(("episode", *measured, "differs in"), rows, note)]
+    return [
+        Text(lead),
+        *drawn,
+        HtmlTable(("episode", *measured, "differs in")[:width], [row[:width] for row in rows], note),
+    ]
 
 
 def make_provenance_section(summary: DatasetSummary) -> PageSection:
@@ -205,9 +215,7 @@ def make_provenance_section(summary: DatasetSummary) -> PageSection:
         "Joints": ", ".join(summary.joints),
         "Tasks": ", ".join(f"{task or 'unnamed'} ({count})" for task, count in summary.tasks.items()),
         "Derived when used": "; ".join(f"{key}: {how}" for key, how in summary.derived.items()),
-        "Source": ", ".join(
-            f"{key} {value}" for key, value in (summary.source or {}).items() if isinstance(value, str)
-        ),
+        "Source": describe_source(summary.source),
     }
     for name, provenance in summary.provenance:
         entries[f"Made: {name}"] = f"{provenance.how}, {provenance.when}"

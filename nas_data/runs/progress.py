@@ -1,6 +1,7 @@
 """Progress messages on stderr, at most one every few seconds, and durations as text."""
 
 import io
+import logging
 import sys
 import threading
 import time
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 PAUSE = 2.0  # [s] between two lines
 SILENCE = 10.0  # [s] without a message after which a running step is reported
-SHOWN = 60  # characters of the last message that such a report repeats
+SHOWN = 60  # characters of the step's name that such a report shows
 
 Report = Callable[[str], None]
 
@@ -70,6 +71,8 @@ class Counting:
 
     def __call__(self, done: int, total: int, more: str = "") -> None:
         """Show the number of finished items and a suffix; the remaining time is estimated from the first call on."""
+        STEP.begin(f"{self.what}: {done} of {total}")
+        STEP.shown = STEP.began
         if self.bar is None:
             from tqdm import tqdm
 
@@ -107,30 +110,61 @@ def report_elapsed(what: str, pause: float = PAUSE) -> Iterator[None]:
         yield
 
 
+class Step(logging.Handler):
+    """The present step of the program, which is named by each message and by `begin`.
+
+    Attributes:
+        what: Name of the step.
+        began: Its start [s].
+        shown: Time of the last message or count on stderr [s].
+    """
+
+    def __init__(self) -> None:
+        """Begin without a name."""
+        super().__init__()
+        self.begin("")
+        self.shown = self.began
+
+    def begin(self, what: str) -> None:
+        """Begin a step."""
+        self.what, self.began = what, time.monotonic()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Begin the step that a message names."""
+        self.shown = time.monotonic()
+        if not hasattr(record, "elapsed"):  # no message of `report_if_silent`
+            self.begin(record.getMessage())
+
+    def report_if_silent(self, silence: float) -> None:
+        """Log the present step if nothing was shown for `silence` [s]."""
+        now = time.monotonic()
+        if now - self.shown >= silence:
+            elapsed = now - self.began
+            since = f"{elapsed:.0f} s since: " if elapsed >= silence else ""  # a step of several that has just begun
+            logger.info(f"    {since}{self.what.strip()[:SHOWN]}", extra={"elapsed": elapsed})
+
+
+STEP = Step()
+
+
+def begin(what: str) -> None:
+    """Name the next step, which is shown only if it takes long."""
+    STEP.begin(what)
+
+
 @contextmanager
-def report_heartbeat(first: str, report: Report = say, silence: float = SILENCE) -> Iterator[Report]:
-    """Yield a report function that also reports, after each silence [s], the time since its last line.
+def report_silence(first: str, silence: float = SILENCE) -> Iterator[None]:
+    """Log the present step and its duration after each `silence` [s] without a message.
 
     Args:
-        first: Description of the work until the first line.
-        report: Receives the lines.
-        silence: Longest time without a line [s].
+        first: Name of the first step.
+        silence: Longest time without a message [s].
     """
-    last, since = first, time.monotonic()
-    spoken = since
-
-    def tell(line: str) -> None:
-        nonlocal last, since, spoken
-        last, since = line, time.monotonic()
-        spoken = since
-        report(line)
-
-    def go_on() -> None:
-        nonlocal spoken
-        now = time.monotonic()
-        if now - spoken >= silence:
-            spoken = now
-            report(f"    {now - since:.0f} s since: {last.strip()[:SHOWN]}")
-
-    with repeating(go_on, silence / 10):
-        yield tell
+    STEP.begin(first)
+    STEP.shown = STEP.began
+    logger.addHandler(STEP)
+    try:
+        with repeating(lambda: STEP.report_if_silent(silence), silence / 10):
+            yield
+    finally:
+        logger.removeHandler(STEP)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def as_slice(indices: np.ndarray) -> np.ndarray | slice:
-    """Return consecutive indices as a slice, which NumPy reads and writes several times faster; others unchanged."""
+    """Return consecutive indices as a slice, which NumPy reads and writes several times faster, else the indices."""
     first = int(indices[0])
     consecutive = np.array_equal(indices, np.arange(first, first + len(indices)))
     return slice(first, first + len(indices)) if consecutive else indices

@@ -150,7 +150,7 @@ def test_bad_input_costs_one_sentence_and_writes_nothing(place, spoilt, here, ca
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("pair",), "Missing from nas pair: PATH --model STR; see: nas pair --help"),
+        (("pair",), "Missing from nas pair: DATASET --model STR; see: nas pair --help"),
         (("pair", "x", "--modell", "y"), "nas pair --help"),
         (("record", "sim", "--wings", "2"), "Unrecognized options: --wings, 2; see: nas record sim --help"),
         (("record", "sim", "--episodes", "many"), "'many'; see: nas record sim --help"),

@@ -62,6 +62,7 @@ def test_every_command_has_help_with_examples_that_it_understands_and_a_word_for
     assert f"usage: nas {name}" in text
     assert f"Example: nas {name}" in text
     assert "--json" in text
+    assert not re.search(r"\{None\}|\[\w+ \[|\(default: (None|False|True)?\)|''", text)
     for field in fields(kind):
         assert field.name.replace("_", "-").rstrip("-") in text or field.name.upper() in text
     check_examples(name, kind)

@@ -492,6 +492,6 @@ def test_a_rescue_says_what_it_did(bus, monkeypatch):
     arm.configure()
     arm.torque_on()
     arm.close()
-    assert "the torque of the arm on" in rescue(bus.port, Xl320(port=bus.port, joints=JOINTS).guard_options())
+    assert "the torque of the arm on" in rescue(bus.port, Xl320(port=bus.port, joints=JOINTS).opener())
     assert torques(bus.port) == [0] * 6
-    assert "switch the supply off" in rescue("/dev/nowhere", Xl320(port="/dev/nowhere", joints=JOINTS).guard_options())
+    assert "switch the supply off" in rescue("/dev/nowhere", Xl320(port="/dev/nowhere", joints=JOINTS).opener())

@@ -3,13 +3,24 @@
 import io
 import time
 
+import pytest
+
+from nas_data.log import StderrHandler, show
 from nas_data.runs import progress
-from nas_data.runs.progress import Counting, report_heartbeat, say
+from nas_data.runs.progress import Counting, begin, report_silence, say
 
 
-def test_a_long_step_says_how_long_ago_it_began():
-    lines: list[str] = []
-    with report_heartbeat("reading", lines.append, silence=0.2) as say:
+@pytest.fixture
+def lines(monkeypatch) -> list[str]:
+    """The messages that a program shows."""
+    shown: list[str] = []
+    show()
+    monkeypatch.setattr(StderrHandler, "emit", lambda self, record: shown.append(record.getMessage()))
+    return shown
+
+
+def test_a_long_step_says_how_long_ago_it_began(lines):
+    with report_silence("reading", silence=0.2):
         say("fitting: 12 numbers of 3 joints")
         time.sleep(0.9)
         say("done")
@@ -19,11 +30,30 @@ def test_a_long_step_says_how_long_ago_it_began():
     assert all(beat.endswith("s since: fitting: 12 numbers of 3 joints") for beat in beats)
 
 
-def test_before_the_first_message_the_first_step_is_named():
-    lines: list[str] = []
-    with report_heartbeat("reading the recording", lines.append, silence=0.2):
+def test_before_the_first_message_the_first_step_is_named(lines):
+    with report_silence("reading the recording", silence=0.2):
         time.sleep(0.5)
     assert lines and all(line.endswith("s since: reading the recording") for line in lines)
+
+
+def test_a_step_without_a_message_is_named_once_it_takes_long(lines):
+    with report_silence("reading", silence=0.2):
+        for step in ("one", "two"):
+            begin(step)
+            time.sleep(0.12)
+        time.sleep(0.3)
+    assert lines[0] == "    two" and lines[1].endswith("s since: two")
+
+
+def test_counts_are_no_silence(lines, capsys):
+    count = Counting("rolling out")
+    with report_silence("reading", silence=0.2):
+        for done in range(6):
+            count(done, 10)
+            time.sleep(0.1)
+        assert lines == []
+        time.sleep(0.3)
+    assert lines[0].endswith("s since: rolling out: 5 of 10")
 
 
 def test_counts_without_a_terminal_are_a_line_now_and_then(monkeypatch, capsys):

@@ -183,23 +183,23 @@ def test_the_sentence_names_the_smallest_amount_within_five_percent_of_the_best(
     found = SweepSummary.of(swept())
     assert {kind: cell.amount.word for kind, cell in found.enough().items()} == {"delta": 20, "forward": "all"}
     assert found.sentence() == (
-        "Smallest amount of data whose median open-loop error is within 5% of the kind's best: "
-        "source + φ 20 episodes (2.08°; 2° with 40 episodes); "
-        "ψ 40 episodes (2.5°), the largest amount tried; more may help."
+        "Smallest amount of data whose median open-loop error is within 5% of the best. "
+        "source + φ: 20 episodes (2.08°; 2° with 40 episodes). "
+        "ψ: 40 episodes (2.5°), the largest amount tried, so more may help."
     )
 
 
 def test_the_best_may_lie_before_the_last_and_a_kind_may_diverge_everywhere():
     values = [result("delta", n, 0, error) for n, error in ((1, 5.0), (2, 1.0), (3, 1.04))]
     told = SweepSummary.of([*values, result("forward", 1, 0, math.inf)]).sentence()
-    assert told.endswith("source + φ 2 episodes (1°); ψ diverges with every amount.")
+    assert told.endswith("source + φ: 2 episodes (1°). ψ diverges with every amount.")
 
 
 def test_the_sentence_says_where_nothing_learned_is_as_good():
     values = [result(kind, 2, 0, error, baseline=1.0) for kind, error in (("delta", 1.0), ("forward", 0.9))]
     told = SweepSummary.of(values).sentence()
-    assert "(1°), which is no better than the baseline 'source' (1°); ψ" in told
-    assert told.endswith("ψ 2 episodes (0.9°).")
+    assert "(1°); no better than the baseline 'source' (1°). ψ" in told
+    assert told.endswith("ψ: 2 episodes (0.9°).")
 
 
 def test_the_table_holds_medians_ends_and_baselines():

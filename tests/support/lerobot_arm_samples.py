@@ -55,7 +55,7 @@ def driver(folder: Path, port: str, kind: str = "so101_follower", **options: str
 
 def torques(known: LeRobotDriver) -> list[int]:
     """Read the torque of every servo by another program's eyes."""
-    line = open_line(**{key: value for key, value in known.guard_options().items() if key != "opener"})
+    line = open_line(**known.opener().arguments)
     try:
         return [line.read(identity, line.table.torque) for identity in line.ids]
     finally:

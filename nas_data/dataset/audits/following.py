@@ -38,7 +38,7 @@ def _report_copied_commands(recording: Recording, expected: Expected) -> list[Au
 
 
 def _report_swapped_commands(recording: Recording, expected: Expected) -> list[AuditFinding]:
-    """Report joints that follow another joint's command and not their own; both have position commands."""
+    """Report joints that follow another joint's position command and not their own."""
     found, radians = [], find_radian_equivalents(recording, expected)
     positional = expected.find_commanded(recording.joints, POSITION)
     for index in np.flatnonzero(positional):

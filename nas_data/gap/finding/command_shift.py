@@ -112,8 +112,8 @@ def shorten_episodes(evidence: EpisodeBatch) -> EpisodeBatch:
 def shift_commands(evidence: EpisodeBatch, shift: int, positional: np.ndarray) -> EpisodeBatch:
     """Return episodes with commands shifted by some rows.
 
-    Position commands before the first row are the initial pose; others, where `positional` (n,) is false, repeat the
-    first.
+    Before the first row, a position command is the initial pose. Any other command (`positional` (n,) is false) is the
+    first one.
     """
     commands, steps = evidence.commands, evidence.commands.shape[1]
     before = np.where(positional, evidence.initial_positions[:, None], commands[:, :1])

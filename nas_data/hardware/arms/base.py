@@ -13,7 +13,6 @@ from nas_data.errors import ArmError
 
 SLOW = 0.15  # [rad/s] below which switching the torque off causes no jerk
 PATIENCE = 1.0  # [s] to wait for that speed
-OPENER = "opener"  # key of the function that opens the arm, as `module:function`
 
 
 class Stoppable(Protocol):
@@ -60,15 +59,21 @@ def make_safe(arm: Stoppable) -> str:
     return ""
 
 
-def open_for_guard(options: Mapping[str, object]) -> Stoppable:
-    """Open an arm to stop it: `opener` names a function `module:function`, the other options are its arguments.
+@dataclass(frozen=True)
+class ArmOpener:
+    """What another process, the watchdog, needs to open an arm and stop it; both fields can be written as JSON."""
 
-    Raises:
-        ArmError: the port cannot be opened.
-    """
-    module, _, name = str(options[OPENER]).partition(":")
-    opener = getattr(importlib.import_module(module), name)
-    return cast(Stoppable, opener(**{key: value for key, value in options.items() if key != OPENER}))
+    function: str  # the function that opens the arm, as `module:function`
+    arguments: Mapping[str, object]  # its arguments
+
+    def open(self) -> Stoppable:
+        """Open the arm.
+
+        Raises:
+            ArmError: the port cannot be opened.
+        """
+        module, _, name = self.function.partition(":")
+        return cast(Stoppable, getattr(importlib.import_module(module), name)(**self.arguments))
 
 
 Registers = Mapping[str, Mapping[str, int]]  # by joint, then by the register's name
@@ -151,5 +156,5 @@ class Driver(Protocol):
     def open(self, now: Callable[[], float]) -> Arm:
         """Open the port; the clock [s] stamps the readings."""
 
-    def guard_options(self) -> dict[str, object]:
-        """Return the options of `open_for_guard`, with which the watchdog opens the arm."""
+    def opener(self) -> ArmOpener:
+        """Return how the watchdog opens the arm."""

@@ -16,7 +16,7 @@ from typing import Any, Self
 import numpy as np
 
 from nas_data.errors import ArmError, BadReply, ServoRefused, ServoSilent
-from nas_data.hardware.arms.base import OPENER
+from nas_data.hardware.arms.base import ArmOpener
 from nas_data.hardware.arms.port_errors import make_busy_error, make_lost_port_error, make_port_error
 
 ATTEMPTS = 3
@@ -282,13 +282,14 @@ def report_lost_port(path: str) -> Iterator[None]:
         raise make_lost_port_error(path) from error
 
 
-def guard_options(table: StopRegisters, ids: Sequence[int], port: str) -> dict[str, object]:
-    """Return the options with which the watchdog opens a port to stop its servos; see `open_line`."""
-    return {OPENER: f"{__name__}:{open_line.__name__}", "table": asdict(table), "ids": list(ids), "port": port}
+def make_line_opener(table: StopRegisters, ids: Sequence[int], port: str) -> ArmOpener:
+    """Return how the watchdog opens a port to stop its servos; see `open_line`."""
+    arguments = {"table": asdict(table), "ids": list(ids), "port": port}
+    return ArmOpener(f"{__name__}:{open_line.__name__}", arguments)
 
 
 def open_line(table: Mapping[str, Any], ids: Sequence[int], port: str) -> Line:
-    """Open a port in order to stop its servos; see `guard_options`.
+    """Open a port in order to stop its servos; see `make_line_opener`.
 
     Raises:
         ArmError: the port cannot be opened.

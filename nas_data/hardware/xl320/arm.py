@@ -8,7 +8,7 @@ from types import TracebackType
 import numpy as np
 
 from nas_data.errors import ArmError, OptionError, ServoSilent
-from nas_data.hardware.arms.base import OPENER, Health, Reading, make_safe
+from nas_data.hardware.arms.base import ArmOpener, Health, Reading, make_safe
 from nas_data.hardware.xl320.bus import Answer, Bus, open_port
 from nas_data.hardware.xl320.control_table import (
     FEEDBACK,
@@ -300,11 +300,11 @@ class Xl320:
         """Open the port; see `Xl320Arm`."""
         return Xl320Arm(self.port, self.joints, now, self.configuration)
 
-    def guard_options(self) -> dict[str, object]:
-        """Return the options of `open_for_guard`."""
-        return {OPENER: f"{__name__}:{open_guarded.__name__}", "port": self.port, "joints": asdict(self.joints)}
+    def opener(self) -> ArmOpener:
+        """Return how the watchdog opens the arm."""
+        return ArmOpener(f"{__name__}:{open_guarded.__name__}", {"port": self.port, "joints": asdict(self.joints)})
 
 
 def open_guarded(port: str, joints: Mapping[str, Sequence[object]]) -> Xl320Arm:
-    """Open an arm in order to stop it; see `Xl320.guard_options`."""
+    """Open an arm in order to stop it; see `Xl320.opener`."""
     return Xl320Arm(port, Joints(**{key: tuple(value) for key, value in joints.items()}))  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Joints and their servos: direction, zero, limits, conversion to radians; those of the ErgoJr; calibration files."""
+"""Joints and their servos: direction, zero, limits, conversion to radians, calibration file; those of the ErgoJr."""
 
 import json
 import os

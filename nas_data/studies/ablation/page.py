@@ -37,7 +37,7 @@ def build(summary: SweepSummary, name: str) -> HtmlPage:
         PageSection("Every amount", [HtmlTable(HEADERS, make_rows(summary), what)]),
         PageSection("Failed trials", [Text(sentence) for sentence in summary.failed]),
     ]
-    return HtmlPage(f"Sweep {name}", [section for section in sections if section.blocks])
+    return HtmlPage(f"Sweep of the amount of data: {name}", [section for section in sections if section.blocks])
 
 
 def make_errors_chart(summary: SweepSummary, loop: str) -> Chart:

@@ -120,29 +120,29 @@ class SweepSummary:
         return found
 
     def sentence(self) -> str:
-        """Return a sentence on the sufficient amount of data."""
+        """Return the sufficient amount of data as text."""
         enough = self.enough()
         parts = [self._describe(kind, enough.get(kind)) for kind in self.cells]
-        head = f"Smallest amount of data whose median open-loop error is within {MAX_EXCESS:.0%} of the kind's best: "
-        return head + "; ".join(parts) + "." if parts else "No trial succeeded."
+        head = f"Smallest amount of data whose median open-loop error is within {MAX_EXCESS:.0%} of the best."
+        return " ".join([head, *parts]) if parts else "No trial succeeded."
 
     def _describe(self, kind: str, cell: Cell | None) -> str:
         label, cells = find_kind(kind).label, self.cells[kind]
         if cell is None:
-            return f"{label} diverges with every amount"
+            return f"{label} diverges with every amount."
         top = find_best(cells)
         error, least = (self._format_error(one.errors["open_loop"].median) for one in (cell, top))
-        text = f"{label} {cell.text} ({error}" + (")" if cell is top else f"; {least} with {top.text})")
-        text += ", the largest amount tried; more may help" if cell is cells[-1] and len(cells) > 1 else ""
-        return text + self._describe_better_baselines(top)
+        text = f"{label}: {cell.text} ({error}" + (")" if cell is top else f"; {least} with {top.text})")
+        text += ", the largest amount tried, so more may help" if cell is cells[-1] and len(cells) > 1 else ""
+        return f"{text}{self._describe_better_baselines(top)}."
 
     def _describe_better_baselines(self, cell: Cell) -> str:
-        """Return a sentence on baselines that are as good as the best of a kind; empty if there are none."""
+        """Return a phrase on baselines that are as good as the best of a kind; empty if there are none."""
         found = {name: spreads["open_loop"].median for name, spreads in self.baselines.items()}
         if not found or min(found.values()) > cell.errors["open_loop"].median:
             return ""
         name = min(found, key=lambda name: found[name])
-        return f", which is no better than the baseline '{name}' ({self._format_error(found[name])})"
+        return f"; no better than the baseline '{name}' ({self._format_error(found[name])})"
 
     def _format_error(self, value: float) -> str:
         """Return an error in its display unit."""

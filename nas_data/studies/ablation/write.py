@@ -17,7 +17,7 @@ from nas_data.text_table import format_markdown_table
 from nas_data.text_table import format_table as align_table
 from nas_data.typed_json import make_finite
 
-HEADERS = ("learned", "from", "seeds", "open loop: median", "min … max", "one step: median", "min … max")
+HEADERS = ("predictor", "training data", "seeds", "open loop: median", "min … max", "one step: median", "min … max")
 
 
 def make_rows(summary: SweepSummary) -> list[tuple[str, ...]]:
