@@ -50,6 +50,15 @@ KINDS: Mapping[str, str] = {"position": POSITION, "velocity": VELOCITY, "torque"
 REMEDIES = {
     "rate": "correct 'rate', or the times",
     "command_sign": "reverse the sign of one of them, or give the kind of command: kind='torque' or 'velocity'",
+    "command_scale": "give positions and commands in one unit",
+    "command_is_position": "give the commands, not what was measured",
+    "joints_swapped": "put the columns of both in the order of 'joints'",
+    "time_gap": "divide the arrays there: lists of arrays, one an episode",
+    "irregular_time": "resample the rows, or leave 'times' out if the rows are evenly spaced",
+    "velocity_scale": "correct 'velocities', or leave them out, so that they are derived from the positions",
+    "velocity_lag": "leave 'velocities' out, so that they are derived from the positions",
+    "position_contradicts_velocity": "correct the arrays, or leave 'velocities' out",
+    "jump": "if encoders wrap around, give numpy.unwrap(positions, axis=0)",
     "unit_slip": "give radians and metres, numpy.radians(positions), or pass turns=True if a joint does turn that far",
 }
 TO_SI = "convert the columns first, numpy.radians(states), and set the units of the features to match"
@@ -312,11 +321,7 @@ def refuse(dataset: Dataset, turns: bool) -> None:
     if error is not None:
         remedy = REMEDIES.get(error.check, "correct the arrays")
         raise DatasetInvalid(f"The arrays: in {error.file} {error.what}; {remedy}.")
-    told = [
-        replace(found, what=f"{found.what}; {REMEDIES[found.check]}") if found.check in REMEDIES else found
-        for found in findings
-    ]
-    warn(format_warnings(told))
+    warn(format_warnings([replace(finding, remedy=REMEDIES.get(finding.check, "")) for finding in findings]))
 
 
 def as_frame(dataset: Dataset) -> "pandas.DataFrame":
