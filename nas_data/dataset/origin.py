@@ -32,7 +32,7 @@ from nas_data.dataset.features import (
     make_state_feature,
     make_time_feature,
 )
-from nas_data.dataset.joints import REMEDY
+from nas_data.dataset.joints import NAMES, REMEDY, SAME_NAMES
 from nas_data.dataset.layout import PROVENANCE
 from nas_data.dataset.provenance import Parent, Provenance, format_current_time, read_package_versions, read_provenance
 from nas_data.dataset.read import read
@@ -62,6 +62,11 @@ REMEDIES = {
     "unit_slip": "give radians and metres, numpy.radians(positions), or pass turns=True if a joint does turn that far",
 }
 TO_SI = "convert the columns first, numpy.radians(states), and set the units of the features to match"
+IN_PYTHON = {  # remedies of commands → those for a dataset in memory
+    REMEDY: TO_SI,
+    NAMES: "make it with its joints: nas_data.Dataset.from_arrays(positions, commands, rate=rate, joints=names)",
+    SAME_NAMES: "name the same joints in the features of both",
+}
 EDITED = "edited in Python"
 
 
@@ -118,8 +123,11 @@ def with_origin(dataset: Dataset) -> Dataset:
         return dataset
     try:
         complete, derived = as_transitions(dataset)
-    except DatasetInvalid as error:
-        raise DatasetInvalid(str(error).replace(REMEDY, TO_SI)) from None
+    except (DatasetInvalid, JointMismatch) as error:
+        said = str(error)
+        for of_command, in_python in IN_PYTHON.items():
+            said = said.replace(of_command, in_python)
+        raise type(error)(said) from None
     provenance = Provenance(how="edited", robot=dataset.robot_type, derived=derived, notes=EDITED)
     return replace(complete, origin=Origin(complete, provenance, derived))
 
