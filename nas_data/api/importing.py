@@ -190,10 +190,9 @@ def choose_dataset_name(logs: Sequence[Path]) -> str:
         LogError: the path does not exist.
         OptionError: it is no dataset, or there are several.
     """
-    absent = next((log for log in logs if not log.exists()), None)
-    if absent is not None:
-        raise LogError(f"There is no log {absent}; give recorded files or folders, or a LeRobot dataset's folder.")
     check_dataset(logs[0])
+    for log in logs:
+        check_exists(log)
     if len(logs) > 1:
         raise OptionError("Import LeRobot datasets one at a time, then join them with nas merge.")
     return logs[0].resolve().name
@@ -203,9 +202,17 @@ def check_dataset(path: Path) -> None:
     """Refuse paths that are no LeRobot dataset and therefore need a map.
 
     Raises:
+        LogError: the path does not exist.
         OptionError: the path is no LeRobot dataset.
     """
+    check_exists(path)
     if not is_dataset(path):
         raise OptionError(
             f"{path} is not a LeRobot dataset; to import a log, give --map with the meaning of its columns."
         )
+
+
+def check_exists(path: Path) -> None:
+    """Raise LogError if there is no file or folder at a path."""
+    if not path.exists():
+        raise LogError(f"There is no log {path}; give recorded files or folders, or a LeRobot dataset's folder.")

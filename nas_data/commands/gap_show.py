@@ -24,8 +24,9 @@ class GapShow(Command):
         from nas_data.gap.showing.page import show
 
         if not (self.report / "report.json").is_file():
+            what = f"no gap report in {self.report}" if self.report.exists() else f"no folder {self.report}"
             raise OptionError(
-                f"There is no gap report in {self.report}; make one with: nas gap DATASET --model MODEL.xml"
+                f"There is {what}; give a gap report, or make one: nas gap DATASET --model MODEL.xml --out REPORT"
             )
         page = show(self.report)
         return CommandResult(f"{page}", {"page": page})

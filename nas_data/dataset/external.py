@@ -5,12 +5,13 @@ Datasets that nas recorded or imported were audited at that time.
 
 import shlex
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from nas_data.dataset.audits import audit_dataset
-from nas_data.dataset.audits.base import AuditFinding
+from nas_data.dataset.audits.base import IMPORTED, UNWRAP, AuditFinding
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import STATE, VELOCITY
 from nas_data.dataset.joints import REMEDY
@@ -49,7 +50,8 @@ def audit_external(root: Path, recorded: Dataset) -> tuple[Dataset, dict[str, st
         return dataset, derived, ()
     findings = audit_dataset(dataset)
     refuse(root, findings, recorded)
-    return dataset, derived, format_warnings(findings)
+    found = [replace(finding, remedy=find_remedy(root, finding, recorded)) for finding in findings]
+    return dataset, derived, format_warnings(found)
 
 
 def is_ours(provenance: Provenance | None) -> bool:
@@ -62,20 +64,28 @@ def refuse(root: Path, findings: Sequence[AuditFinding], dataset: Dataset) -> No
     error = next((finding for finding in findings if finding.error and finding.check in REFUSED), None)
     if error is None:
         return
-    where = shlex.quote(str(root))
-    if error.check == "rate":
-        median = error.what.partition(" come at ")[2].partition(" Hz")[0]
-        remedy = (
-            f"if these times are right, import it at their rate (nas import {where} --rate {median}); if the dataset's "
-            f"fps is right, ignore the times (nas import {where} --uniform)"
+    raise DatasetInvalid(f"{root}: in {error.file} {error.what}; {find_remedy(root, error, dataset)}.")
+
+
+def find_remedy(root: Path, finding: AuditFinding, dataset: Dataset) -> str:
+    """Return the remedy for a finding in a dataset of another tool: commands with its folder; empty if none."""
+    command = f"nas import {shlex.quote(str(root))}"
+    if finding.check == "rate":
+        median = finding.what.partition(" come at ")[2].partition(" Hz")[0]
+        return (
+            f"if these times are right, import it at their rate ({command} --rate {median}); if the dataset's "
+            f"fps is right, ignore the times ({command} --uniform)"
         )
-    elif error.check == "time_gap":
-        remedy = f"nas import {where} divides the episodes there"
-    elif error.check in ("time_backwards", "repeated_time", "not_finite"):  # other values were checked when read
-        remedy = f"import it and ignore its time stamps: nas import {where} --uniform"
-    else:
-        remedy = import_command(root, dataset)
-    raise DatasetInvalid(f"{root}: in {error.file} {error.what}; {remedy}.")
+    if finding.check == "time_gap":
+        return f"{command} divides the episodes there"
+    if finding.check in ("time_backwards", "repeated_time", "not_finite"):  # other values were checked when read
+        return f"import it and ignore its time stamps: {command} --uniform"
+    if finding.check == "irregular_time":
+        return f"if only the time stamps are uneven, ignore them: {command} --uniform"
+    if finding.check == "unit_slip":
+        return import_command(root, dataset)
+    by_own_map = replace(IMPORTED, elsewhere=f"import it with a map of your own ({command} --map MAP.toml)")
+    return by_own_map.apply(finding, dataset.fps).remedy.replace(UNWRAP, f"{command} --unwrap")
 
 
 def import_command(root: Path, dataset: Dataset) -> str:
@@ -100,12 +110,14 @@ def map_for(robot_type: str) -> str | None:
 
 
 def format_warnings(findings: Sequence[AuditFinding]) -> tuple[str, ...]:
-    """Return a sentence for each kind of finding, with its count."""
+    """Return a sentence for each kind of finding, with its count and remedy."""
     kinds: dict[str, list[AuditFinding]] = {}
     for finding in findings:
         if not finding.minor:
             kinds.setdefault(finding.check, []).append(finding)
     return tuple(
-        f"in {members[0].file} {members[0].what}" + (f" (and {len(members) - 1} more like this)" if members[1:] else "")
+        f"in {members[0].file} {members[0].what}"
+        + (f" (and {len(members) - 1} more like this)" if members[1:] else "")
+        + (f"; {members[0].remedy}" if members[0].remedy else "")
         for members in kinds.values()
     )

@@ -15,6 +15,8 @@ LARGEST_LENGTH = 10.0  # [m] slides of arms stay below, millimetres exceed it
 ANGULAR = {POSITION: ("rad",), VELOCITY: ("rad/s",), EFFORT: ("N·m", "N*m", "N m", "Nm")}
 LINEAR = {POSITION: ("m",), VELOCITY: ("m/s",), EFFORT: ("N",)}
 REMEDY = "import it with a map that gives the unit (nas import --map)"
+NAMES = "import it with a map that gives the joints (nas import --map)"
+SAME_NAMES = "name the same joints in both, or name them in a map (nas import --map)"
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class Components:
             JointMismatch: the components have no names.
         """
         if are_generated(key, feature.names):
-            raise JointMismatch(f"The components of '{key}' have no joint names; {REMEDY.replace('unit', 'joints')}.")
+            raise JointMismatch(f"The components of '{key}' have no joint names; {NAMES}.")
         found: dict[str, dict[str, int]] = {POSITION: {}, VELOCITY: {}, EFFORT: {}}
         bare = {}
         for index, name in enumerate(feature.names):
@@ -118,8 +120,7 @@ def match_joints(state: Components, action: Components) -> tuple[str, ...]:
         raise JointMismatch(
             f"'{STATE}' has positions of {_join_names(state.positions)}"
             + (f" and velocities of {_join_names(state.velocities)}" if state.velocities else "")
-            + f", '{ACTION}' commands {_join_names(commanded)}; name the same joints in both, or name them in a map "
-            "(nas import --map)."
+            + f", '{ACTION}' commands {_join_names(commanded)}; {SAME_NAMES}."
         )
     return joints
 

@@ -16,6 +16,8 @@ from nas_data.dataset.features import SIM_STATE, STATE, Feature
 from nas_data.dataset.passthrough import PassthroughFeatures, shared_features
 from nas_data.errors import DatasetInvalid, JointMismatch
 
+LEAVE_OUT = "to leave a camera out, use LeRobot's 'lerobot-edit-dataset --operation.type=remove_feature'"
+
 
 def merge(originals: Sequence[Original]) -> Derived:
     """Merge datasets with equal joints, features, rate and robot type.
@@ -114,7 +116,8 @@ def check_mergeable(a: Original, b: Original) -> None:
     if a.dataset.robot_type != b.dataset.robot_type:
         raise DatasetInvalid(
             f"{b.root} is of the robot '{b.dataset.robot_type}', {a.root} of '{a.dataset.robot_type}'; "
-            "only datasets of one robot are merged."
+            "only datasets of one robot are merged; if it is the same one, import both with the same 'robot' in the "
+            "map."
         )
     _check_features(a, b)
 
@@ -126,7 +129,8 @@ def _check_joints(a: Original, b: Original) -> None:
     if joints[0] != joints[1]:
         raise JointMismatch(
             f"{b.root} has the joints {', '.join(b.dataset.joints) or 'without names'}, {a.root} has "
-            f"{', '.join(a.dataset.joints) or 'joints without names'}; only datasets of the same joints are merged."
+            f"{', '.join(a.dataset.joints) or 'joints without names'}; only datasets of the same joints are merged; "
+            "if only their names differ, import both with the same 'joints' in the map."
         )
 
 
@@ -137,14 +141,14 @@ def _check_features(a: Original, b: Original) -> None:
             poor, rich = (a, b) if key not in passthrough[0] else (b, a)
             raise DatasetInvalid(
                 f"{poor.root} lacks '{key}' ({describe_kind(passthrough[rich is b][key])}), which {rich.root} has; "
-                "only datasets with the same cameras and texts are merged."
+                f"only datasets with the same cameras and texts are merged; {LEAVE_OUT}."
             )
         unlike = find_difference(passthrough[0][key], passthrough[1][key])
         if unlike is not None:
             what, here, there = unlike
             raise DatasetInvalid(
                 f"'{key}' has {what} {there} in {b.root} and {here} in {a.root}, so that the same stored values mean "
-                "different things; only datasets with the same cameras and texts are merged."
+                "different things; only datasets with the same cameras and texts are merged; {LEAVE_OUT}."
             )
     for poor, rich in ((a, b), (b, a)):
         missing = [key for key in rich.dataset.features if key not in poor.dataset.features]

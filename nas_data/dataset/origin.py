@@ -32,7 +32,7 @@ from nas_data.dataset.features import (
     make_state_feature,
     make_time_feature,
 )
-from nas_data.dataset.joints import REMEDY
+from nas_data.dataset.joints import NAMES, REMEDY, SAME_NAMES
 from nas_data.dataset.layout import PROVENANCE
 from nas_data.dataset.provenance import Parent, Provenance, format_current_time, read_package_versions, read_provenance
 from nas_data.dataset.read import read
@@ -50,9 +50,23 @@ KINDS: Mapping[str, str] = {"position": POSITION, "velocity": VELOCITY, "torque"
 REMEDIES = {
     "rate": "correct 'rate', or the times",
     "command_sign": "reverse the sign of one of them, or give the kind of command: kind='torque' or 'velocity'",
+    "command_scale": "give positions and commands in one unit",
+    "command_is_position": "give the commands, not what was measured",
+    "joints_swapped": "put the columns of both in the order of 'joints'",
+    "time_gap": "divide the arrays there: lists of arrays, one an episode",
+    "irregular_time": "resample the rows, or leave 'times' out if the rows are evenly spaced",
+    "velocity_scale": "correct 'velocities', or leave them out, so that they are derived from the positions",
+    "velocity_lag": "leave 'velocities' out, so that they are derived from the positions",
+    "position_contradicts_velocity": "correct the arrays, or leave 'velocities' out",
+    "jump": "if encoders wrap around, give numpy.unwrap(positions, axis=0)",
     "unit_slip": "give radians and metres, numpy.radians(positions), or pass turns=True if a joint does turn that far",
 }
 TO_SI = "convert the columns first, numpy.radians(states), and set the units of the features to match"
+IN_PYTHON = {  # remedies of commands → those for a dataset in memory
+    REMEDY: TO_SI,
+    NAMES: "make it with its joints: nas_data.Dataset.from_arrays(positions, commands, rate=rate, joints=names)",
+    SAME_NAMES: "name the same joints in the features of both",
+}
 EDITED = "edited in Python"
 
 
@@ -109,8 +123,11 @@ def with_origin(dataset: Dataset) -> Dataset:
         return dataset
     try:
         complete, derived = as_transitions(dataset)
-    except DatasetInvalid as error:
-        raise DatasetInvalid(str(error).replace(REMEDY, TO_SI)) from None
+    except (DatasetInvalid, JointMismatch) as error:
+        said = str(error)
+        for of_command, in_python in IN_PYTHON.items():
+            said = said.replace(of_command, in_python)
+        raise type(error)(said) from None
     provenance = Provenance(how="edited", robot=dataset.robot_type, derived=derived, notes=EDITED)
     return replace(complete, origin=Origin(complete, provenance, derived))
 
@@ -312,11 +329,7 @@ def refuse(dataset: Dataset, turns: bool) -> None:
     if error is not None:
         remedy = REMEDIES.get(error.check, "correct the arrays")
         raise DatasetInvalid(f"The arrays: in {error.file} {error.what}; {remedy}.")
-    told = [
-        replace(found, what=f"{found.what}; {REMEDIES[found.check]}") if found.check in REMEDIES else found
-        for found in findings
-    ]
-    warn(format_warnings(told))
+    warn(format_warnings([replace(finding, remedy=REMEDIES.get(finding.check, "")) for finding in findings]))
 
 
 def as_frame(dataset: Dataset) -> "pandas.DataFrame":

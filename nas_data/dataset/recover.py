@@ -73,7 +73,8 @@ def find_damaged(path: Path) -> Path:
     versions = [item for item in path.iterdir() if VERSION.fullmatch(item.name)] if path.is_dir() else []
     if versions:
         return max(versions, key=lambda item: int(item.name[1:].partition("-")[0]))
-    raise DatasetNotFound(f"There is nothing to rescue at {path}: neither a dataset nor an unfinished one; give one.")
+    reason = "neither a dataset nor an unfinished one" if path.exists() else "there is no such folder"
+    raise DatasetNotFound(f"There is nothing to rescue at {path}: {reason}; give a dataset or an unfinished one.")
 
 
 def find_destination(root: Path) -> tuple[Path, str]:
@@ -230,7 +231,8 @@ def _recover_passthrough(
     if not keys:
         return None, []
     lost = describe_left_out({key: info.features[key] for key in keys}, reason)
-    return None, [f"{lost}; what remains of it is in {root / 'videos'} and {root / 'data'}"]
+    remains = f"what remains of it is in {root / 'videos'} and {root / 'data'}"
+    return None, [f"{lost}; {remains}; if you have a copy of what is missing or damaged, put it back and recover again"]
 
 
 def _strip_remedy(error: DatasetInvalid) -> str:

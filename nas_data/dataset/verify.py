@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -12,9 +12,10 @@ import pyarrow as pa
 from nas_data.count_of import count_of
 from nas_data.dataset import layout
 from nas_data.dataset.audits import audit_dataset
-from nas_data.dataset.audits.base import AuditFinding
+from nas_data.dataset.audits.base import IMPORTED, AuditFinding
 from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.external import find_remedy, is_ours
 from nas_data.dataset.features import NEXT_STATE, STATE, Feature
 from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.parquet import read_parquet
@@ -207,12 +208,23 @@ def _check_statistics(evidence: VerifyInput) -> Iterator[str]:
 
 def _report_audit_problems(evidence: VerifyInput) -> Iterator[str]:
     """Report errors of the audits (clock against rate, angles in degrees), and readings stored twice."""
-    return (f"In {finding.file} {finding.what}." for finding in evidence.findings if _is_problem(finding))
+    return (_describe_finding(evidence, finding) for finding in evidence.findings if _is_problem(finding))
 
 
 def _report_audit_notes(evidence: VerifyInput) -> Iterator[str]:
     """Note the other findings of the audits."""
-    return (f"In {finding.file} {finding.what}." for finding in evidence.findings if not _is_problem(finding))
+    return (_describe_finding(evidence, finding) for finding in evidence.findings if not _is_problem(finding))
+
+
+def _describe_finding(evidence: VerifyInput, finding: AuditFinding) -> str:
+    """Return a finding with the remedy that the origin of the dataset allows."""
+    if not is_ours(evidence.provenance):
+        remedy = find_remedy(evidence.root, finding, evidence.dataset)
+    elif evidence.provenance is not None and evidence.provenance.how == "imported":
+        remedy = IMPORTED.apply(finding, evidence.dataset.fps).remedy
+    else:  # recorded by nas, without a map that could be corrected
+        remedy = ""
+    return f"In {finding.file} {replace(finding, remedy=remedy).message}"
 
 
 def _is_problem(finding: AuditFinding) -> bool:

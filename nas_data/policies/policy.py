@@ -233,7 +233,8 @@ def find_policies(path: Path) -> list[Path]:
         return [path]
     found = [config.parent for config in list_visible_files(path, f"*/{CONFIG}")] if path.is_dir() else []
     if not found:
-        raise CheckpointError(f"{path} holds no policy; give a folder that `nas policy train` wrote.")
+        what = f"{path} holds no policy" if path.exists() else f"There is no folder {path}"
+        raise CheckpointError(f"{what}; give a folder that `nas policy train` wrote.")
     return sorted(found, key=lambda folder: (len(folder.name), folder.name))
 
 

@@ -264,6 +264,24 @@ def test_commands_of_the_other_sign_are_reversed_or_of_another_kind_as_is_said(c
     assert "reverse the sign" not in capsys.readouterr().err
 
 
+def test_a_dataset_without_joint_names_is_made_with_them_in_python(here):
+    shape = {key: Feature(tuple(f"{key}.{index}" for index in range(2))) for key in (STATE, ACTION)}
+    swings = [positions(), positions()]
+    columns = dict.fromkeys(shape, np.concatenate(swings))
+    unnamed = Dataset(shape, columns, np.array([60, 60]), 50.0, "arm2")
+    with pytest.raises(JointMismatch, match="have no joint names") as raised:
+        nas.pair(unnamed, model="arm.xml")
+    assert "joints=names)" in str(raised.value) and "--map" not in str(raised.value)
+    named = nas.Dataset.from_arrays(swings, swings, rate=50, joints=["j1", "j2"])
+    assert nas.pair(named, model="arm.xml").paired
+    features = {STATE: make_position_feature(("j1", "j2")), ACTION: make_position_feature(("a", "b"))}
+    with pytest.raises(JointMismatch, match="name the same joints in the features of both") as raised:
+        nas.pair(replace(unnamed, features=features), model="arm.xml")
+    assert "--map" not in str(raised.value)
+    alike = dict.fromkeys(features, features[STATE])
+    assert nas.pair(replace(unnamed, features=alike), model="arm.xml").paired
+
+
 NEXT = make_position_feature(("j1", "other"))
 TRANSITIONS = {
     "other joints next": (
@@ -412,6 +430,142 @@ def test_datasets_of_unlike_features_are_imported_in_the_same_way_to_be_merged(h
     assert main(["merge", first, alike, "--out", "done"]) == 0
 
 
+NAMED = {
+    "joints": ('["upper", "lower"]', "only datasets of the same joints are merged; if only their names differ, import"),
+    "robot": (
+        '"other"',
+        "only datasets of one robot are merged; if it is the same one, import both with the same 'rob",
+    ),
+}
+
+
+@pytest.mark.parametrize("key", NAMED)
+def test_datasets_of_one_robot_under_two_names_are_imported_with_one_name_to_be_merged(here, capsys, key):
+    value, said = NAMED[key]
+    text = map_text()
+    renamed = re.sub(f"^{key} = .*", f"{key} = {value}", text, flags=re.MULTILINE)
+    for name, mapping in (("a", text), ("b", renamed), ("c", text)):
+        write_log(here / f"{name}.npz", columns_of(motion(phase=float(ord(name)))))
+        write_map(here, mapping)
+        assert main(["import", f"{name}.npz", "--map", "map.toml", "--out", name.upper()]) == 0
+    assert said in refused(capsys, "merge", "A", "B", "--out", "never")
+    assert main(["merge", "A", "C", "--out", "done"]) == 0
+
+
+FRONT = "observation.images.front"
+VIDEO = f"videos/{FRONT}/chunk-000/file-000.mp4"
+
+
+def write_video(path: Path, frames: int, size: int = 64) -> None:
+    import av
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=50)
+        stream.width = stream.height = size
+        stream.pix_fmt = "yuv420p"
+        for number in range(frames):
+            picture = np.full((size, size, 3), 4 * number, np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        container.mux(stream.encode())
+
+
+def filmed(root: str) -> Path:
+    """A recording of three episodes with a camera, killed before LeRobot wrote its table of episodes."""
+    folder = write(recorded(), Path(root), SIMULATED)
+    entry = {
+        "dtype": "video",
+        "shape": [64, 64, 3],
+        "names": ["height", "width", "channels"],
+        "info": {"video.fps": 50},
+    }
+    info = json.loads((folder / layout.INFO).read_text())
+    (folder / layout.INFO).write_text(json.dumps(info | {"features": info["features"] | {FRONT: entry}}))
+    write_video(folder / VIDEO, 17)
+    shutil.rmtree(folder / "meta/episodes")
+    (folder / layout.PROVENANCE).unlink()
+    return folder
+
+
+LOST = {
+    "file-000.mp4 is missing": lambda root: (root / VIDEO).unlink(),
+    "file-000.mp4 is not a complete video file": lambda root: (root / VIDEO).write_bytes(
+        (root / VIDEO).read_bytes()[:-50]
+    ),
+    "has 9 frames, which do not include all of episode 1": lambda root: write_video(root / VIDEO, 9),
+}
+
+
+@pytest.mark.parametrize("said", LOST)
+def test_a_video_that_is_put_back_is_recovered_as_is_said(here, capsys, said):
+    root = filmed("d")
+    shutil.copytree(root, here / "copy")
+    LOST[said](root)
+    assert main(["recover", "d", "--out", "blind"]) == 0
+    told = capsys.readouterr().out
+    assert said in told and "if you have a copy of what is missing or damaged, put it back and recover again" in told
+    assert read(here / "blind").passthrough is None
+    shutil.copy(here / "copy" / VIDEO, root / VIDEO)
+    assert main(["recover", "d", "--out", "seen"]) == 0
+    assert FRONT in read(here / "seen").passthrough.features
+
+
+def test_a_table_that_is_put_back_gives_the_position_of_the_videos_as_is_said(here, capsys):
+    filmed("raw")
+    assert main(["recover", "raw", "--out", "d"]) == 0
+    (path,) = layout.list_data_files(here / "d")
+    pq.write_table(pq.read_table(path).slice(5), path)
+    shutil.move(here / "d/meta/episodes", here / "table")
+    command = ("recover", "d", "--beyond", "--out")
+    capsys.readouterr()
+    assert main([*command, "blind"]) == 0
+    told = capsys.readouterr().out
+    assert (
+        "position of its video frames, and earlier rows are lost" in told and "put it back and recover again" in told
+    ), told
+    shutil.move(here / "table", here / "d/meta/episodes")
+    assert main([*command, "seen"]) == 0
+    assert FRONT in read(here / "seen").passthrough.features
+
+
+def test_datasets_are_merged_once_a_camera_is_left_out_as_is_said(here, capsys):
+    """LeRobot's program takes the camera away; here the same dataset without it stands for its result."""
+    filmed("raw")
+    assert main(["recover", "raw", "--out", "seen"]) == 0
+    for number, root in enumerate(("blind", "other")):
+        write(recorded(seed=number), here / root, SIMULATED)
+    said = refused(capsys, "merge", "blind", "seen", "--out", "never")
+    program, _, choice = re.search(r"'(lerobot-edit-dataset) (--operation.type)=(\w+)'", said).groups()
+    assert main(["merge", "blind", "other", "--out", "done"]) == 0
+    lerobot = pytest.importorskip("lerobot")
+    script = Path(lerobot.__file__).parent / "scripts" / f"{program.replace('-', '_')}.py"
+    if script.exists():  # older ones have no such program
+        assert choice in script.read_text()
+
+
+# Paths at which there is nothing
+
+MISSING = {
+    "import none --unit deg": "There is no log none",
+    "import d none": "There is no log none",
+    "recover none": "nothing to rescue at none: there is no such folder",
+    "gap show none": "There is no folder none",
+    "policy evaluate none": "There is no folder none",
+} | {
+    f"{command}": "There is no dataset at none: there is no such folder"
+    for command in (
+        *("info none", "verify none", "diff d none", "merge d none", "split none --seconds 1", "pack none"),
+        *("pair none --model arm.xml", "gap find none --model arm.xml", "recover d --like none"),
+    )
+}
+
+
+@pytest.mark.parametrize("command", MISSING)
+def test_a_path_at_which_there_is_nothing_is_called_missing(here, capsys, command):
+    write(recorded(), here / "d", SIMULATED)
+    assert MISSING[command] in refused(capsys, *command.split())
+
+
 # What is shared and rescued
 
 
@@ -491,7 +645,7 @@ def test_one_program_at_a_time_writes_under_a_name_as_is_said(here):
 def test_where_nothing_is_to_be_rescued_a_dataset_is_given_as_is_said(here, capsys):
     (here / "empty").mkdir()
     said = refused(capsys, "recover", "empty")
-    assert said.endswith("nothing to rescue at empty: neither a dataset nor an unfinished one; give one.")
+    assert said.endswith("empty: neither a dataset nor an unfinished one; give a dataset or an unfinished one.")
     root = write(recorded(), here / "d", SIMULATED)
     (root / layout.STATS).write_text("{")
     assert main(["recover", "d", "--out", "done"]) == 0

@@ -237,7 +237,7 @@ def test_what_an_import_says_of_a_clock_can_be_said_to_it(here, capsys, clock, s
 def test_a_remedy_that_only_a_map_has_says_so_where_there_is_none(here, capsys):
     write_lerobot(here / "d", [(states, -commands) for states, commands in motions()])
     imported("d")
-    assert "in a map of your own (--map) check 'sign' in [read.command]" in capsys.readouterr().out
+    assert "in a map of your own (--map): check 'sign' in [read.command]" in capsys.readouterr().out
 
 
 def test_a_hole_divides_the_episodes_and_the_clock_is_kept(here, capsys):

@@ -371,7 +371,7 @@ def test_the_commands_train_and_judge(tmp_path, capsys):
         (["train", "--on", "augmented", "--checkpoint", "nowhere"], "nowhere"),
         (["train", "--frames", "0"], "--frames is 0"),
         (["train", "--seed", "1", "1"], "different numbers"),
-        (["evaluate", "nowhere"], "nowhere holds no policy"),
+        (["evaluate", "nowhere"], "There is no folder nowhere"),
         (["evaluate", "nowhere", "--episodes", "0"], "--episodes is 0"),
     ],
 )

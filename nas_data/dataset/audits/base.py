@@ -12,6 +12,8 @@ from nas_data.dataset.timing import LATE
 from nas_data.joint_units import compute_angle_scales
 
 NAMES_MAP = re.compile(r"\[|\bmap\b")  # matches remedies that apply to a map file only
+UNWRAP = "import with --unwrap"
+REMOVE = "remove the rows, or the episode (nas split --episodes)"  # remedy for wrong readings
 
 
 @dataclass(frozen=True)
@@ -20,7 +22,7 @@ class Remedies:
 
     Attributes:
         by_check: Remedies by check; `{rate}` stands for the measured rate [Hz].
-        elsewhere: Prefix for remedies of other checks that name keys of a map: where these keys belong.
+        elsewhere: Words before the remedies of other checks that name keys of a map: where these keys belong.
     """
 
     by_check: Mapping[str, str]
@@ -28,12 +30,16 @@ class Remedies:
 
     def apply(self, finding: "AuditFinding", rate: float) -> "AuditFinding":
         """Return a finding with the remedy that applies without a map; `rate` is the measured rate [Hz]."""
-        if not finding.remedy:
+        if not finding.remedy or UNWRAP in finding.remedy:  # an option that needs no map
             return finding
         if finding.check in self.by_check:
-            return replace(finding, remedy=self.by_check[finding.check].format(rate=f"{rate:.6g}"))
+            return replace(finding, remedy=self.by_check[finding.check].replace("{rate}", f"{rate:.6g}"))
         names_map = self.elsewhere and NAMES_MAP.search(finding.remedy)
-        return replace(finding, remedy=f"{self.elsewhere} {finding.remedy}") if names_map else finding
+        return replace(finding, remedy=f"{self.elsewhere}: {finding.remedy}") if names_map else finding
+
+
+# Remedies for a dataset that nas imported. A larger max_speed in its map would not end the finding in the dataset.
+IMPORTED = Remedies({"jump": f"if readings are wrong, {REMOVE}"}, "import it with a corrected map")
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,14 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import AuditFinding, Expected, find_radian_equivalents, list_row_numbers
+from nas_data.dataset.audits.base import (
+    REMOVE,
+    UNWRAP,
+    AuditFinding,
+    Expected,
+    find_radian_equivalents,
+    list_row_numbers,
+)
 from nas_data.dataset.recording import Recording
 from nas_data.joint_units import USUAL_RANGE, convert_hinge_unit
 
@@ -35,10 +42,14 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
         if rows:
             wraps = joint not in expected.slides and find_whole_turns(moves[:, index]).any()
             unit = convert_hinge_unit("rad/s", joint in expected.slides)
-            hint = "jumps of a whole turn come from an encoder that wraps around: import with --unwrap" if wraps else ""
+            remedy = (
+                f"jumps of a whole turn come from an encoder that wraps around: {UNWRAP}"
+                if wraps
+                else f"if the joint is that fast, set a larger max_speed in [audit]; if readings are wrong, {REMOVE}"
+            )
             what = (
                 f"{joint} reaches {speeds[:, index].max():.4g} {unit} in {recording.name_rows(rows)}, "
                 f"more than {limits[index]:.4g} {unit}"
             )
-            found.append(AuditFinding("jump", recording.label, what, hint, rows))
+            found.append(AuditFinding("jump", recording.label, what, remedy, rows))
     return found

@@ -36,4 +36,5 @@ def _report_excess(
         f"the {what} of {joint} is up to {excess.max():.3g} {unit} beyond its limits "
         f"{low:.4g} … {high:.4g} {unit} in {recording.name_rows(rows)}"
     )
-    return [AuditFinding(f"{what}_beyond_limits", recording.label, text, rows=rows)]
+    remedy = f"correct the joint's [limits], or its unit, sign or zero in [read.{what}]"
+    return [AuditFinding(f"{what}_beyond_limits", recording.label, text, remedy, rows)]

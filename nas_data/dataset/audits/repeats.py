@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import AuditFinding, Expected, find_radian_equivalents, list_row_numbers
+from nas_data.dataset.audits.base import REMOVE, AuditFinding, Expected, find_radian_equivalents, list_row_numbers
 from nas_data.dataset.audits.torque_off import SIGNAL as TORQUE
 from nas_data.dataset.features import POSITION
 from nas_data.dataset.noise import SMALLEST, find_quantisation_step
@@ -34,7 +34,8 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
             f"{_describe_pattern(stale, expected.rate)}"
         )
         minor = len(rows) <= TOLERATED_SHARE * np.count_nonzero(moving)
-        found.append(AuditFinding("repeated_samples", recording.label, what, rows=rows, minor=minor))
+        remedy = "to avoid this, record at the rate of the robot's readings or more slowly"
+        found.append(AuditFinding("repeated_samples", recording.label, what, remedy, rows, minor=minor))
     held = _find_held_rows(recording, expected, same & ~stale)
     rows = list_row_numbers(recording.rows, held)
     if rows:
@@ -125,5 +126,6 @@ def _report_stuck_joints(recording: Recording, expected: Expected, reported: np.
                 f"the reading of {joint} is constant in {recording.name_rows(rows)} while its command changes: the "
                 "servo is blocked or its torque is off, or the readings are stale"
             )
-            found.append(AuditFinding("frozen_reading", recording.label, what, rows=rows))
+            remedy = f"if its torque is off, name the column that shows this in [signals.{TORQUE}]; else {REMOVE}"
+            found.append(AuditFinding("frozen_reading", recording.label, what, remedy, rows))
     return found

@@ -46,7 +46,11 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     if repeated:
         kept = "resampling takes the last of them" if expected.resampled else "they are kept as separate rows"
         what = f"the time does not increase in {recording.name_rows(repeated)}: {kept}"
-        found.append(AuditFinding("repeated_time", recording.label, what, rows=repeated))
+        remedy = (
+            "remove the rows that were written twice; if the clock is too coarse, set uniform = true in [read.time] in "
+            "place of 'column' and 'unit'"
+        )
+        found.append(AuditFinding("repeated_time", recording.label, what, remedy, repeated))
     return (
         _report_division(recording)
         + found
@@ -106,7 +110,7 @@ def _report_uneven_steps(recording: Recording, steps: np.ndarray, expected: Expe
         if not gaps:
             return []
         what = f"up to {steps.max() * 1e3:.3g} ms pass before {recording.name_rows(gaps)}"
-        remedy = "resampling fills these gaps with values that were not measured"
+        remedy = "resampling fills these gaps with values that were not measured; to avoid this, split the log there"
         return [AuditFinding("time_gap", recording.label, what, remedy, gaps)]
     found = []
     holes = find_holes(steps, 1 / expected.rate) & find_holes(steps, float(np.median(steps)))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nas_data.count_of import join_items
-from nas_data.dataset.audits.base import AuditFinding
+from nas_data.dataset.audits.base import IMPORTED, AuditFinding
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import TIME
 from nas_data.dataset.recording import has_derived_velocities
@@ -46,7 +46,7 @@ def summarise_audits(name: str, examined: Examined, checks: Sequence[str], sound
         examined: Recording with findings.
         checks: Kinds of findings to include.
         sound: Text without findings.
-        advice: Remedy for findings that are not minor.
+        advice: Remedy for findings that are not minor; by default that of each kind of finding.
     """
     kinds: dict[str, list[AuditFinding]] = {}
     for finding in examined.findings:
@@ -55,19 +55,22 @@ def summarise_audits(name: str, examined: Examined, checks: Sequence[str], sound
     if not kinds:
         return Check(name, sound)
     ok = all(finding.minor for members in kinds.values() for finding in members)
-    notes = [describe_audit_findings(members, examined.dataset.n_episodes) for members in kinds.values()]
+    notes = [
+        describe_audit_findings(members, examined.dataset.n_episodes, remedies=not advice) for members in kinds.values()
+    ]
     if advice and not ok:
         notes.append(f"{advice[0].upper()}{advice[1:]}.")
     return Check(name, " ".join(notes), ok)
 
 
-def describe_audit_findings(members: Sequence[AuditFinding], episodes: int) -> str:
-    """Return the first serious finding of a kind, and the number of episodes with one."""
+def describe_audit_findings(members: Sequence[AuditFinding], episodes: int, remedies: bool) -> str:
+    """Return the first serious finding of a kind, the number of episodes with one, and perhaps its remedy."""
     grave = [finding for finding in members if not finding.minor] or list(members)
     places = len({finding.file for finding in grave})
     first = grave[0]
     more = f" (so in {places} of {episodes} episodes)" if places > 1 else ""
-    return f"In {first.file} {first.what}{more}."
+    remedy = IMPORTED.apply(first, 0.0).remedy if remedies else ""
+    return f"In {first.file} {first.what}{more}" + (f"; {remedy}." if remedy else ".")
 
 
 def format_percent(share: float) -> str:
