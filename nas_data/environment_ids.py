@@ -16,7 +16,7 @@ GYMNASIUM = "gymnasium"
 
 def make_environment_name(task: str) -> str:
     """Return the environment name of a task: `ergo_reacher` → `ErgoReacher`."""
-    return "".join(word.capitalize() for word in task.split("_"))
+    return registry.to_camel_case(task)
 
 
 def make_environment_id(task: str) -> str:

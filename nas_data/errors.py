@@ -82,6 +82,10 @@ class UnknownName(NasError, LookupError):
         return UnknownName.__new__, (UnknownName, *self.args)
 
 
+class PluginInvalid(NasError, AttributeError):
+    """A file of a plug-in folder that does not define what its folder asks for."""
+
+
 class ArmError(NasError, RuntimeError):
     """Base of errors of servos, bus or power supply."""
 

@@ -38,7 +38,8 @@ class RecordArm(Command):
     seconds: float = 3.0
     """Length of an episode [s]; three targets of one second each in the paper's protocol."""
     excitation: str = "steps"
-    """Command signal, NAME or NAME:PARAMETER=NUMBER,…, such as steps, babbling, sine, multisine, triangle or chirp."""
+    """Command signal, NAME or NAME:PARAMETER=NUMBER,…, such as steps or ramps:every=20; a wrong NAME or PARAMETER is
+    answered with those that exist."""
     commands: Path | None = None
     """Play a CSV file instead: columns <joint>.pos [rad], one row per control step, optional column 'episode'."""
     start: Literal["rest", "random"] = "rest"

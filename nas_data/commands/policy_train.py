@@ -1,5 +1,6 @@
 """Train policies with PPO in the source, plain or with named effects, on the target, or in a learned environment."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -9,6 +10,8 @@ from nas_data.errors import OptionError
 
 if TYPE_CHECKING:
     from nas_data.policies.ppo import PolicyTraining
+
+USUAL = "backlash"  # dynamics of the target where --dynamics is left out, here and in `nas policy evaluate`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +33,7 @@ class PolicyTrain(Command):
     effects: Path | None = None
     """A gap report's folder, or its effects.json: needed with --on named, and with augmented if φ corrects this
     model."""
-    dynamics: str = "backlash"
+    dynamics: str = USUAL
     """Dynamics of the target with --on target, such as backlash or paper; an unknown name lists all."""
     engine: Literal["mujoco", "bullet"] = "mujoco"
     """Physics engine, for all but ψ; a policy of one engine may be evaluated in the other."""
@@ -46,6 +49,7 @@ class PolicyTrain(Command):
     def run(self) -> CommandResult:
         """Train every seed."""
         trainings = self._list_trainings()
+        from nas_data.envs.base import find_task
         from nas_data.policies.policy import load_policy, read_progress
         from nas_data.policies.ppo import train_job
         from nas_data.runs.parallel import run_jobs
@@ -72,7 +76,7 @@ class PolicyTrain(Command):
         text = [
             f"Trained in {self.env}, {what}; return and success with exploration, in the last rollout:",
             format_table(headers, [rows[number] for number in sorted(rows)]),
-            f"Next: nas policy evaluate {folder}",
+            f"Next: {suggest_evaluation(folder, self.dynamics, tuple(find_task(self.env).dynamics))}",
         ]
         return CommandResult(
             "\n".join(text), {"out": folder, "policies": [results[number] for number in sorted(results)]}
@@ -112,3 +116,15 @@ class PolicyTrain(Command):
                 load_for_inference(find_checkpoint(self.checkpoint)), "delta" if self.on == "augmented" else "forward"
             )
         return [PolicyTraining(plant=plant, seed=seed, frames=self.frames) for seed in self.seed]
+
+
+def suggest_evaluation(folder: Path, dynamics: str, known: Sequence[str]) -> str:
+    """Return the command that evaluates policies on the target.
+
+    Args:
+        folder: Folder of the policies.
+        dynamics: Value of --dynamics.
+        known: Dynamics of the environment; the last one is suggested if `dynamics` is none of them.
+    """
+    chosen = dynamics if dynamics in known else known[-1]
+    return f"nas policy evaluate {folder}" + (f" --dynamics {chosen}" if chosen != USUAL else "")

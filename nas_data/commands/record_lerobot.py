@@ -60,7 +60,8 @@ class RecordLerobot(RecordArm):
     speed: float = 2.0
     """Limit of the commands' speed [rad/s]: steps become ramps."""
     excitation: str = "multisine"
-    """Command signal, NAME or NAME:PARAMETER=NUMBER,…, such as steps, babbling, sine, multisine, triangle or chirp."""
+    """Command signal, NAME or NAME:PARAMETER=NUMBER,…, such as steps or ramps:every=20; a wrong NAME or PARAMETER is
+    answered with those that exist."""
     episodes: int = 50
     """Number of episodes."""
     seconds: float = 6.0

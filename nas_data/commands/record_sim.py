@@ -35,7 +35,8 @@ class RecordSim(TakesModel):
     effects: Path | None = None
     """A file of effects, such as the effects.json of a gap report. None by default."""
     excitation: str = "steps"
-    """Command signal, NAME or NAME:PARAMETER=NUMBER,…, such as steps, babbling, sine, multisine, triangle or chirp."""
+    """Command signal, NAME or NAME:PARAMETER=NUMBER,…, such as steps or ramps:every=20; a wrong NAME or PARAMETER is
+    answered with those that exist."""
     commands: Path | None = None
     """Play a CSV file instead: columns <joint>.pos (or .vel, .effort, as the model takes), optionally 'episode'."""
     episodes: int = 200
@@ -103,7 +104,7 @@ class RecordSim(TakesModel):
         text = (
             f"Recorded {count_of(dataset.n_episodes, 'episode')} of {dataset.robot_type}, "
             f"{count_of(dataset.n_frames, 'frame')} at "
-            f"{dataset.fps:g} Hz ({dataset.n_frames / dataset.fps:.0f} s of motion), in {took:.1f} s.\n{path}"
+            f"{dataset.fps:g} Hz ({dataset.n_frames / dataset.fps:.1f} s of motion), in {took:.1f} s.\n{path}"
         )
         data = {
             "dataset": str(path),

@@ -170,4 +170,4 @@ def find_task(name: str) -> Task:
     Raises:
         UnknownName: there is no such environment; lists the environments.
     """
-    return registry.import_plugin("envs", find_task_file(name), "environment").TASK
+    return registry.import_plugin("envs", find_task_file(name), "environment", "TASK").TASK

@@ -11,11 +11,13 @@ from typing import TypeAlias, TypedDict
 import mujoco
 
 from nas_data import registry
+from nas_data.count_of import join_items
 from nas_data.errors import ModelFileError, UnknownName
 from nas_data.log import warn_once
 from nas_data.mjcf.actuator_lookup import find_driven_joint, list_indirect_actuators
 from nas_data.mjcf.base_contacts import exclude_base_contacts, find_base_contacts
 from nas_data.mjcf.check_angle_units import check_angle_units
+from nas_data.mjcf.check_rest import check_rest
 from nas_data.mjcf.default_servos import add_position_servos, add_torque_motors, find_motor_joints
 from nas_data.mjcf.engine_warnings import collect_warnings, log_warnings
 from nas_data.mjcf.floating_base import find_floating_bases, fix_bases
@@ -28,6 +30,7 @@ URDF = ".urdf"
 KNOWN = (".xml", URDF)  # file suffixes that MuJoCo reads
 TORQUES = ":torque"  # suffix of a URDF's path for torque motors instead of position servos
 PREFIX = "nas_"  # prefix of the constants of this package in <custom>
+TEXTS = ("nas_tip", "nas_mirror", "nas_cyclic")  # models/symmetry.py reads the last two
 WEIGHTLESS = re.compile(r"mass and inertia of moving bodies must be larger.*?Element name '([^']*)'")
 UNREADABLE = re.compile(r"no decoder found for mesh file '([^']+)'")
 UNBALANCED = re.compile(r"inertia must satisfy A \+ B >= C.*?Element name '([^']*)'")
@@ -230,7 +233,7 @@ def read_constants(spec: mujoco.MjSpec, path: Path) -> RobotConstants:
         path: Model file, for errors.
 
     Raises:
-        ModelFileError: a constant is unknown or invalid, or the site does not exist.
+        ModelFileError: a constant or text is unknown or invalid, or the site does not exist.
     """
     own: RobotConstants = {}
     for number in spec.numerics:
@@ -252,6 +255,8 @@ def read_constants(spec: mujoco.MjSpec, path: Path) -> RobotConstants:
             if spec.site(text.data) is None:
                 raise ModelFileError(f"{path} gives nas_tip as '{text.data}', which is not a site of the model.")
             own["tip"] = text.data
+        elif text.name.startswith(PREFIX) and text.name not in TEXTS:
+            raise ModelFileError(f"{path} has the text {text.name}; allowed are {join_items(TEXTS)}.")
     return own
 
 
@@ -270,7 +275,7 @@ def find_robot(name_or_path: str | Path) -> Robot:
     if add_actuators is add_torque_motors and path.suffix != URDF:
         raise ModelFileError(f"{given} defines its own actuators; leave out --actuators, which is for a URDF.")
     if named and given in registry.list_names("robots") and not path.is_file():
-        return registry.import_plugin("robots", given, "robot").ROBOT
+        return registry.import_plugin("robots", given, "robot", "ROBOT").ROBOT
     if named and not path.is_file():
         path = FOLDER / f"{given}.xml"
     if path.suffix or path.is_file() or path.is_dir():
@@ -292,6 +297,8 @@ def find_robot(name_or_path: str | Path) -> Robot:
                 f"in place of {indirect} write <position joint=…>" if indirect else "add <position joint=…> actuators"
             )
             raise ModelFileError(f"{path} has no actuator that drives a joint directly; {remedy}.")
+        if "rest" in own:
+            check_rest(path, spec.compile(), joints, own["rest"])
         if indirect:
             warn_once(
                 f"actuators of {path} drive no joint directly: {indirect}; they get no commands, and their controls "

@@ -154,6 +154,30 @@ def test_the_exported_file_behaves_the_same_in_plain_mujoco(name):
     assert typical(name).in_model == (not simulator.hooks)
 
 
+def swap_angle_unit(spec: mujoco.MjSpec) -> None:
+    """Write a model's angles in degrees instead of radians, or in radians instead of degrees."""
+    convert = np.radians if spec.compiler.degree else np.degrees
+    spec.compiler.degree = not spec.compiler.degree
+    for joint in spec.joints:
+        if joint.type == mujoco.mjtJoint.mjJNT_HINGE:
+            joint.range, joint.ref, joint.springref = (convert(v) for v in (joint.range, joint.ref, joint.springref))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_effect_is_the_same_in_a_model_in_degrees(name):
+    given, swapped = (find_robot(scene(name)).spec() for _ in range(2))
+    swap_angle_unit(swapped)
+    for spec in (given, swapped):
+        add_effects(spec, [typical(name)])
+    ends = []
+    for spec in (given, swapped):
+        data = mujoco.MjData(spec.compile())
+        data.ctrl[:] = 0.3
+        mujoco.mj_step(data.model, data, 200)
+        ends.append(data.qpos)
+    assert ends[1] == pytest.approx(ends[0], abs=1e-6), "edits.series.to_file_unit converts an angle for the model"
+
+
 def reading(angles: np.ndarray) -> np.ndarray:
     """Return the positions that an XL-320 with 0.29° resolution and 0.05° noise would have reported."""
     noise = np.random.default_rng(5).normal(size=angles.shape)

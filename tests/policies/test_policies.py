@@ -4,6 +4,7 @@ import json
 import shutil
 import signal
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from hypothesis.extra.numpy import arrays
 from support.first_order_arm import FirstOrderArm
 
 from nas_data import cli
+from nas_data.commands.policy_train import suggest_evaluation
 from nas_data.envs.ergo_reacher import TASK
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import CheckpointError, OutputExists, SimulationDiverged, WorkerLost
@@ -404,3 +406,15 @@ def test_a_learning_curve_of_someone_elses_is_left_alone(tmp_path):
     with pytest.raises(OutputExists, match="is not a policy folder"):
         learn(tmp_path, 512)
     assert (tmp_path / "progress.csv").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("dynamics", "known", "option"),
+    [
+        ("backlash", ("source", "backlash"), ""),
+        ("backlash", ("source", "loose"), " --dynamics loose"),
+        ("bigger-gap", ("source", "backlash", "bigger-gap"), " --dynamics bigger-gap"),
+    ],
+)
+def test_the_evaluation_that_training_suggests_names_dynamics_of_the_environment(dynamics, known, option):
+    assert suggest_evaluation(Path("runs/p"), dynamics, known) == f"nas policy evaluate runs/p{option}"

@@ -18,6 +18,7 @@ CONTRACTS = (
     "tests/robots/test_robots.py",
     "tests/envs/test_envs.py",
     "tests/excitations/test_excitations.py",
+    "tests/envs/test_tasks.py",
 )
 PLUG_INS = "cable_pull or flag or pulses"
 RECORDED = ("record", "sim", "--robot", "flag", "--effect", "cable_pull:joint=hoist,stiffness=0.05")
@@ -70,6 +71,7 @@ def told(extended) -> str:
         (CONTRACTS[1], "flag", 2),
         (CONTRACTS[2], "raise_flag", 2),
         (CONTRACTS[3], "pulses", 4),
+        (CONTRACTS[4], "raise_flag", 2),
     ],
 )
 def test_a_plug_in_passes_the_contract_of_its_folder(told, contract, plug_in, fewest):

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from nas_data.dataset.features import EFFORT
+from nas_data.dataset.features import EFFORT, POSITION
 from nas_data.errors import ModelFileError, UnknownName
 from nas_data.robots.base import Robot, find_robot, list_robot_names
 from nas_data.simulators.layout import Layout
@@ -16,7 +16,6 @@ from nas_data.simulators.limits import command_limits, find_excitable_limits
 from nas_data.simulators.mujoco import MujocoSimulator
 
 ROBOTS = list_robot_names()
-MOTORS = {"pusher", "striker"}  # simulated only, with torque motors and exact sensors
 ERGOJRS = [name for name in ROBOTS if name.startswith("ergojr")]
 
 
@@ -40,12 +39,25 @@ def test_names_joints_sensors_and_tip_are_as_the_file_says(robot):
     model = robot.spec().compile()
     layout = Layout.of(model, robot.joints, robot.name)
     assert layout.joints == robot.joints
-    assert (set(layout.kinds) == {EFFORT}) == (robot.name in MOTORS)
-    for joint in robot.joints:
-        sensor = model.sensor(f"{joint}.pos")
-        assert model.sensor_objid[sensor.id] == model.joint(joint).id
+    sensors = {model.sensor(i).name: int(model.sensor_objid[i]) for i in range(model.nsensor)}
+    missing = [joint for joint in robot.joints if sensors.get(f"{joint}.pos") != model.joint(joint).id]
+    assert not missing, f'add <jointpos name="JOINT.pos" joint="JOINT"/> to <sensor>, for each JOINT of {missing}'
     assert robot.tip is None or model.site(robot.tip).id >= 0
-    assert (robot.position_quantum > 0) == (robot.velocity_quantum > 0) == (robot.name not in MOTORS)
+    assert (robot.position_quantum > 0) == (robot.velocity_quantum > 0), "give both resolutions or none"
+
+
+@pytest.mark.parametrize("name", ["pusher", "striker"])
+def test_robots_that_exist_only_in_simulation_take_torques_and_read_exactly(name):
+    robot = find_robot(name)
+    assert set(simulator(name).kinds) == {EFFORT}
+    assert robot.position_quantum == robot.velocity_quantum == 0
+
+
+@pytest.mark.parametrize("name", ["ergo_shield", "ergojr", "ergojr_penholder", "pendulum", "so101_follower"])
+def test_robots_that_exist_read_in_whole_units_of_their_encoders(name):
+    robot = find_robot(name)
+    assert set(simulator(name).kinds) == {POSITION}
+    assert robot.position_quantum > 0 < robot.velocity_quantum
 
 
 FLAG = """<mujoco>
@@ -68,12 +80,32 @@ def test_a_model_may_hold_the_constants_of_its_robot(tmp_path):
     [
         ('<numeric name="nas_velocity_quantum" data="-1"/>', "nas_velocity_quantum as -1; allowed are nas_rate"),
         ('<numeric name="nas_speed" data="1"/>', "nas_speed as 1"),
+        ('<text name="nas_top" data="top"/>', "the text nas_top; allowed are nas_tip, nas_mirror and nas_cyclic"),
     ],
 )
 def test_constants_that_cannot_be_are_refused(tmp_path, more, words):
     (tmp_path / "flag.xml").write_text(FLAG.format(more=more))
     with pytest.raises(ModelFileError, match=words):
         find_robot(tmp_path / "flag.xml")
+
+
+@pytest.mark.parametrize(
+    ("rest", "words"),
+    [
+        ("0.3 0", "nas_rest with 2 numbers; give one for each commanded joint: hoist"),
+        ("30", r"nas_rest as 30 at the joint 'hoist', whose range is -1.047 … 1.047 rad; .* in radians"),
+    ],
+)
+def test_a_rest_position_that_the_robot_does_not_have_is_refused(tmp_path, rest, words):
+    limited = FLAG.replace('axis="0 1 0"', 'axis="0 1 0" range="-60 60" limited="true"').replace(
+        'nas_rest" data="0.3"', 'nas_rest" data="{rest}"'
+    )
+    file = tmp_path / "flag.xml"
+    file.write_text(limited.format(more="", rest="1.0472"))  # 60°, rounded up
+    assert find_robot(file).rest == (1.0472,)
+    file.write_text(limited.format(more="", rest=rest))
+    with pytest.raises(ModelFileError, match=words):
+        find_robot(file)
 
 
 def test_stays_finite_and_within_limits_under_random_commands(robot):
@@ -93,7 +125,8 @@ def test_stays_finite_and_within_limits_under_random_commands(robot):
 def test_settles_when_a_command_is_held(robot):
     arm = MujocoSimulator(robot, 1 / robot.rate, threads=1)
     n = len(arm.joints)
-    commands = np.full((1, round(6 * robot.rate), n), 0.0 if EFFORT in arm.kinds else 0.3)
+    held = np.where([kind == POSITION for kind in arm.kinds], 0.3, 0.0)  # speeds and torques of zero
+    commands = np.tile(held, (1, round(6 * robot.rate), 1))
     states = arm.rollout(np.zeros((1, 2 * n)), commands)[0]
     last = states[-round(robot.rate / 2) :]
     assert np.abs(last[:, n:]).max() < 5e-3
