@@ -188,7 +188,7 @@ def test_info_shows_pairing_ranges_and_ancestry(root, capsys):
     assert main(["info", str(root.parent)]) == 0
     text = capsys.readouterr().out
     assert f"arm/{child.name}: paired" in text and f"arm/{root.name}: simulated" in text
-    assert "m1, m2, m3" in text and "with name ergojr.xml" in text
+    assert "m1, m2, m3" in text and "ergojr.xml, mujoco" in text
     assert "action m2.pos" in text and "50 Hz" in text
 
 

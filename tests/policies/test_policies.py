@@ -274,7 +274,7 @@ def test_policies_are_found_alone_and_by_seed_in_the_order_of_numbers(tmp_path):
         learn(tmp_path / f"seed{seed}", 512, seed)
     assert [folder.name for folder in find_policies(tmp_path)] == ["seed2", "seed10"]
     assert find_policies(tmp_path / "seed10") == [tmp_path / "seed10"]
-    with pytest.raises(CheckpointError, match="holds no policy"):
+    with pytest.raises(CheckpointError, match="There is no folder"):
         find_policies(tmp_path / "nothing")
 
 

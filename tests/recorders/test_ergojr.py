@@ -394,7 +394,8 @@ def saved() -> int:
 def test_a_killed_recorder_loses_nothing_and_leaves_no_torque():
     with VirtualBus(Options(wire_delay=False)) as bus:
         with recorder(bus.port, 9) as process:
-            wait_for(lambda: saved() >= 1)
+            wait_for(lambda: saved() >= 1 or process.poll() is not None)
+            assert process.poll() is None, process.communicate()
             os.kill(process.pid, signal.SIGKILL)
             process.wait()
             kept = saved()

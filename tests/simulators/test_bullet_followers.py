@@ -88,7 +88,7 @@ def test_what_pybullet_is_not_given_is_refused_and_the_other_engine_takes_it(tmp
     actuators = SERVO.format(j="a") + SERVO.format(j="b")
     path = tmp_path / "tendon.xml"
     path.write_text(ARM.format(joint=HINGE, actuators=actuators, inside="", beside="", after=after))
-    with pytest.raises(ModelFileError, match=r"^The model has tendons with limits .*; use --engine mujoco"):
+    with pytest.raises(ModelFileError, match=r"tendon\.xml has tendons with limits .*; use --engine mujoco"):
         load_simulator(path, PERIOD, ("a", "b"), engine="bullet")
     record = ["record", "sim", "--robot", str(path), "--episodes", "1", "--seconds", "0.2", "--out", "d", "--json"]
     assert main([*record, "--engine", "bullet"]) == 2
