@@ -126,8 +126,8 @@ class Step(logging.Handler):
         self.shown = self.began
 
     def begin(self, what: str) -> None:
-        """Begin a step."""
-        self.what, self.began = what, time.monotonic()
+        """Begin a step; of several lines the first names it."""
+        self.what, self.began = what.strip().partition("\n")[0][:SHOWN], time.monotonic()
 
     def emit(self, record: logging.LogRecord) -> None:
         """Begin the step that a message names."""
@@ -141,7 +141,7 @@ class Step(logging.Handler):
         if now - self.shown >= silence:
             elapsed = now - self.began
             since = f"{elapsed:.0f} s since: " if elapsed >= silence else ""  # a step of several that has just begun
-            logger.info(f"    {since}{self.what.strip()[:SHOWN]}", extra={"elapsed": elapsed})
+            logger.info(f"    {since}{self.what}", extra={"elapsed": elapsed})
 
 
 STEP = Step()
