@@ -29,7 +29,9 @@ def describe_options(kind: type[Options]) -> type[Options]:
     """
     hints, texts = get_type_hints(kind, include_extras=True), read_field_docstrings(kind)
     described = {field.name: describe(field.name, hints[field.name], texts.get(field.name)) for field in fields(kind)}
-    return type(kind.__name__, (kind,), {"__doc__": kind.__doc__, "__annotations__": described})
+    return type(
+        kind.__name__, (kind,), {"__doc__": kind.__doc__, "__module__": kind.__module__, "__annotations__": described}
+    )
 
 
 def describe(name: str, hint: object, text: str | None) -> object:
@@ -67,7 +69,10 @@ def read_field_docstrings(kind: type) -> dict[str, str]:
     """Return the docstring below each field of a dataclass and its bases, as one line."""
     texts = dict[str, str]()
     for base in reversed([base for base in kind.__mro__ if is_dataclass(base)]):
-        (definition,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
+        try:
+            (definition,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
+        except OSError:  # installed without sources: the options work, and have no description
+            continue
         body = definition.body if isinstance(definition, ast.ClassDef) else []
         for field, below in itertools.pairwise(body):
             match field, below:

@@ -21,7 +21,7 @@ class Demo(Command):
     quick: bool = False
     """Run all stages within a minute, at sizes too small to learn anything."""
     names: bool = True
-    """Skip `nas gap` and the policy with the named effects, as --quick does."""
+    """Name effects with `nas gap` and train a policy with them; --no-names and --quick leave both out."""
 
     def run(self) -> CommandResult:
         """Run every stage that is not finished yet."""

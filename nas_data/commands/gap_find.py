@@ -26,15 +26,15 @@ class GapFind(TakesModel):
 
     def run(self) -> CommandResult:
         """Compare recording and model, and print the findings."""
-        from nas_data.gap.finding.find import find
         from nas_data.gap.problem import Problem
+        from nas_data.gap.workflow import find_gap
         from nas_data.runs.progress import begin
         from nas_data.typed_json import make_finite
 
         begin("reading the recording")
         problem = Problem.load(self.dataset, self.actuated(self.model))
         begin("comparing model and recording")
-        found = find(problem.dataset, problem.evidence, problem.as_given, problem.train.floor, problem.overlaps)
+        found = find_gap(problem)
         text = found.text()
         if self.out is not None:
             self.out.mkdir(parents=True, exist_ok=True)

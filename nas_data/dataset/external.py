@@ -67,6 +67,17 @@ def refuse(root: Path, findings: Sequence[AuditFinding], dataset: Dataset) -> No
     raise DatasetInvalid(f"{root}: in {error.file} {error.what}; {find_remedy(root, error, dataset)}.")
 
 
+def add_remedy(root: Path, provenance: Provenance | None, finding: AuditFinding, dataset: Dataset) -> AuditFinding:
+    """Return a finding with the remedy that the origin of the dataset allows; none for what nas recorded itself."""
+    if not is_ours(provenance):
+        remedy = find_remedy(root, finding, dataset)
+    elif provenance is not None and provenance.how == "imported":
+        remedy = IMPORTED.apply(finding, dataset.fps).remedy
+    else:
+        remedy = ""
+    return replace(finding, remedy=remedy)
+
+
 def find_remedy(root: Path, finding: AuditFinding, dataset: Dataset) -> str:
     """Return the remedy for a finding in a dataset of another tool: commands with its folder; empty if none."""
     command = f"nas import {shlex.quote(str(root))}"

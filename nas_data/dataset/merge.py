@@ -148,7 +148,7 @@ def _check_features(a: Original, b: Original) -> None:
             what, here, there = unlike
             raise DatasetInvalid(
                 f"'{key}' has {what} {there} in {b.root} and {here} in {a.root}, so that the same stored values mean "
-                "different things; only datasets with the same cameras and texts are merged; {LEAVE_OUT}."
+                f"different things; only datasets with the same cameras and texts are merged; {LEAVE_OUT}."
             )
     for poor, rich in ((a, b), (b, a)):
         missing = [key for key in rich.dataset.features if key not in poor.dataset.features]

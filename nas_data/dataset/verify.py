@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -12,10 +12,10 @@ import pyarrow as pa
 from nas_data.count_of import count_of
 from nas_data.dataset import layout
 from nas_data.dataset.audits import audit_dataset
-from nas_data.dataset.audits.base import IMPORTED, AuditFinding
+from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.external import find_remedy, is_ours
+from nas_data.dataset.external import add_remedy
 from nas_data.dataset.features import NEXT_STATE, STATE, Feature
 from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.parquet import read_parquet
@@ -218,13 +218,8 @@ def _report_audit_notes(evidence: VerifyInput) -> Iterator[str]:
 
 def _describe_finding(evidence: VerifyInput, finding: AuditFinding) -> str:
     """Return a finding with the remedy that the origin of the dataset allows."""
-    if not is_ours(evidence.provenance):
-        remedy = find_remedy(evidence.root, finding, evidence.dataset)
-    elif evidence.provenance is not None and evidence.provenance.how == "imported":
-        remedy = IMPORTED.apply(finding, evidence.dataset.fps).remedy
-    else:  # recorded by nas, without a map that could be corrected
-        remedy = ""
-    return f"In {finding.file} {replace(finding, remedy=remedy).message}"
+    found = add_remedy(evidence.root, evidence.provenance, finding, evidence.dataset)
+    return f"In {found.file} {found.message}"
 
 
 def _is_problem(finding: AuditFinding) -> bool:

@@ -70,8 +70,10 @@ def compose(
     """
     held, final = problem.held, naming.final
     named = with_timestep(held.nominal, replace(problem.train, fine=final.fine).timestep)
-    before = compute_rests(replace(held, nominal=problem.as_given), outcome.before, (), {})
-    after = compute_rests(replace(held, nominal=named), outcome.after, final.effects, dict(final.factors))
+    given = replace(held, nominal=problem.as_given)
+    before = compute_rests(given, outcome.before, (), {})
+    delivered = given if outcome.delivered == "given" else replace(held, nominal=named)
+    after = compute_rests(delivered, outcome.after, final.effects, dict(final.factors))
     dataset, model = problem.names
     return GapReport(
         dataset=dataset,
@@ -92,10 +94,16 @@ def compose(
         episodes=EpisodeNumbers(
             train=tuple(np.unique(problem.train.evidence.numbers).tolist()),
             heldout=tuple(np.unique(held.evidence.numbers).tolist()),
+            begin_in_motion=begins_in_motion(held),
         ),
         seed=0,
         seconds=round(seconds, 2),
     )
+
+
+def begins_in_motion(held: FitTask) -> bool:
+    """Return whether an episode begins in motion, so that its initial state is uncertain."""
+    return bool((held.evidence.start_deviations > 0).any())
 
 
 def compute_rests(
@@ -108,11 +116,12 @@ def compute_rests(
 
     Args:
         held: Model and held-out episodes.
-        predicted: Positions predicted from the estimated initial states [rad; m], shape (E, T, n).
+        predicted: Positions predicted from the estimated initial states [rad; m], shape (E, T, n); used if every
+            episode begins at rest.
         effects: Effects of the model.
         factors: Factors of its parameters, by name.
     """
-    if (held.evidence.velocity_deviations > 0).any():
+    if begins_in_motion(held):
         held = held.infer_initial_loads(effects, factors).estimate_initial_states(effects, factors)
         predicted = held.nominal.predict(held.evidence, effects, factors)
     return compute_floor_ratios(held.evidence.mean_squares(predicted), held.floor)

@@ -322,10 +322,15 @@ class TriedExperiment:
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeNumbers:
-    """Numbers of the fitted and of the held-out episodes."""
+    """Numbers of the fitted and of the held-out episodes.
+
+    Attributes:
+        begin_in_motion: Whether held-out episodes begin in motion, so that their initial states are uncertain.
+    """
 
     train: tuple[int, ...]
     heldout: tuple[int, ...]
+    begin_in_motion: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

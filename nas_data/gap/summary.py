@@ -74,10 +74,12 @@ def list_findings(report: GapReport) -> list[str]:
 
 
 def is_from_initial_states(report: GapReport) -> bool:
-    """Whether the rest of an explained gap comes from estimated initial states."""
+    """Return whether the rest of an explained gap comes from estimated initial states."""
     gap = report.gap
     is_explained = report.verdict not in ("partly_explained", "unexplained")
-    return bool(is_explained and gap.noise_floor and gap.after > MAX_OVER_FLOOR * gap.noise_floor)
+    error = gap.before if report.verdict == "none" else gap.after
+    is_large = gap.noise_floor is not None and error > MAX_OVER_FLOOR * gap.noise_floor
+    return report.episodes.begin_in_motion and is_explained and is_large
 
 
 def describe_verdict(report: GapReport) -> str:

@@ -63,8 +63,15 @@ def investigate_problem(
     problem = load()
     check_portable(problem.train.nominal.spec, problem.train.nominal.robot.mjcf)
     say("find: where model and recording disagree")
-    found = find(problem.dataset, problem.evidence, problem.as_given, problem.train.floor, problem.overlaps)
+    found = find_gap(problem)
     return name_and_report(problem, found, folder, began, say, learn)
+
+
+def find_gap(problem: Problem) -> GapFindings:
+    """Compare the recording of a problem with its model."""
+    return find(
+        problem.dataset, problem.evidence, problem.as_given, problem.train.floor, problem.overlaps, problem.root
+    )
 
 
 def name_and_report(

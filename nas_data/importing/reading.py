@@ -250,7 +250,8 @@ def _read_source(table: LogTable, source: LogColumns, width: int, count: int) ->
         value = table.constant(source.columns[0])
         if isinstance(value, str) or not np.isscalar(value):
             raise LogError(
-                f"{table.path}: the constant '{source.columns[0]}' is {value!r}, not a number; name another one."
+                f"{table.path}: the constant '{source.columns[0]}' is {value!r}, not a number; name a number in "
+                "the map."
             )
         return np.full((count, width), float(str(value)))
     parts = [table.numbers(name) for name in source.columns]

@@ -132,7 +132,7 @@ class Step(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Begin the step that a message names."""
         self.shown = time.monotonic()
-        if not hasattr(record, "elapsed"):  # no message of `report_if_silent`
+        if record.levelno == logging.INFO and not hasattr(record, "elapsed"):  # no warning, none of `report_if_silent`
             self.begin(record.getMessage())
 
     def report_if_silent(self, silence: float) -> None:

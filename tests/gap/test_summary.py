@@ -46,10 +46,19 @@ def test_a_placebo_is_told_with_its_place():
 
 
 @pytest.mark.parametrize(
-    ("after", "verdict", "said"), [(0.1, "none", True), (0.02, "none", False), (0.1, "unexplained", False)]
+    ("after", "verdict", "in_motion", "said"),
+    [
+        (0.1, "none", True, True),
+        (0.1, "none", False, False),
+        (0.02, "none", True, False),
+        (0.1, "unexplained", True, False),
+    ],
 )
-def test_an_explained_error_far_above_the_noise_is_told_to_come_from_the_initial_states(after, verdict, said):
+def test_an_explained_error_far_above_the_noise_is_told_to_come_from_the_initial_states(
+    after, verdict, in_motion, said
+):
     gap = {"unit": "rad", "before": after, "after": after, "noise_floor": 0.01}
-    report = gap_report(verdict=verdict, gap=gap)
+    episodes = {"train": [0], "heldout": [1], "begin_in_motion": in_motion}
+    report = gap_report(verdict=verdict, gap=gap, episodes=episodes)
     assert any("begin in motion" in line for line in list_findings(report)) == said
     assert ("initial states" in describe_verdict(report)) == said

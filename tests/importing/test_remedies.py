@@ -222,7 +222,7 @@ REFUSALS = {
         (Remedy(gain("gain"), npz(gain=np.array(3.0))),),
     ),
     "constant text": Refusal(
-        "log.npz: the constant 'kp' is 'stiff', not a number; name another one.",
+        "log.npz: the constant 'kp' is 'stiff', not a number; name a number in the map.",
         Remedy(gain("kp"), npz(kp=np.array("stiff"), gain=np.array(3.0))),
         (Remedy(gain("gain"), npz(kp=np.array("stiff"), gain=np.array(3.0))),),
     ),
@@ -345,7 +345,7 @@ REFUSALS = {
         (Remedy(map_text(".json"), npz("log/log.json")),),
     ),
     "JSON number": Refusal(
-        "log.json holds neither an object nor a list of rows; write one of them.",
+        "write an object of columns, or a list of rows.",
         Remedy(map_text(".json"), text("log.json", "3")),
         (Remedy(map_text(".json"), npz("log/log.json")),),
     ),

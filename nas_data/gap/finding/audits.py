@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nas_data.count_of import join_items
-from nas_data.dataset.audits.base import IMPORTED, AuditFinding
+from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import TIME
 from nas_data.dataset.recording import has_derived_velocities
@@ -69,8 +69,8 @@ def describe_audit_findings(members: Sequence[AuditFinding], episodes: int, reme
     places = len({finding.file for finding in grave})
     first = grave[0]
     more = f" (so in {places} of {episodes} episodes)" if places > 1 else ""
-    remedy = IMPORTED.apply(first, 0.0).remedy if remedies else ""
-    return f"In {first.file} {first.what}{more}" + (f"; {remedy}." if remedy else ".")
+    remedy = f"; {first.remedy}" if remedies and first.remedy else ""
+    return f"In {first.file} {first.what}{more}{remedy}."
 
 
 def format_percent(share: float) -> str:

@@ -1,12 +1,15 @@
 """Comparison of model and recording by joint and condition, with an audit of the recording and open questions."""
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from nas_data.count_of import count_of
 from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.external import add_remedy
+from nas_data.dataset.provenance import read_provenance
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding import audits
 from nas_data.gap.finding.audits import find_constant_commands, find_unmoved_joints, join_chosen
@@ -120,6 +123,7 @@ def find(
     nominal: Nominal,
     floor: np.ndarray,
     overlaps: Sequence[Overlap] = (),
+    root: Path | None = None,
 ) -> GapFindings:
     """Compare a recording with a model.
 
@@ -129,6 +133,7 @@ def find(
         nominal: Model.
         floor: Noise floor of each joint [rad; m], shape (n,).
         overlaps: Contacts of the model that the recording contradicts.
+        root: Folder of the recording, for remedies of its audits.
 
     Raises:
         DatasetInvalid: the torque is off throughout.
@@ -145,7 +150,11 @@ def find(
     regimes = find_regimes(
         evidence, predicted, list_conditions(ConditionInputs(recorded, loads, nominal, floor)), floor
     )
-    examined = audits.Examined(dataset, audit_dataset(dataset), recorded, nominal, floor, predicted, loads, overlaps)
+    findings = tuple(audit_dataset(dataset))
+    if root is not None:
+        provenance = read_provenance(root)
+        findings = tuple(add_remedy(root, provenance, finding, dataset) for finding in findings)
+    examined = audits.Examined(dataset, findings, recorded, nominal, floor, predicted, loads, overlaps)
     return GapFindings(
         joints=find_joint_gaps(recorded, nominal, floor, predicted),
         regimes=regimes,

@@ -19,7 +19,7 @@ def read(path: Path, layout: LogLayout) -> LogTable:
     if isinstance(content, list):
         return LogTable(path, _from_rows(path, content))
     if not isinstance(content, dict):
-        raise LogError(f"{path} holds neither an object nor a list of rows; write one of them.")
+        raise LogError(f"{path} holds a {type(content).__name__}; write an object of columns, or a list of rows.")
     if layout.entries and layout.entries not in content:
         raise MapError(
             f"{path} has no key '{layout.entries}', under which the map expects the rows; it has: {', '.join(content)}."
