@@ -187,6 +187,7 @@ def test_depth_in_metres_keeps_its_scale_and_is_not_merged_with_millimetres(here
     assert main(["merge", str(millimetres), str(metres), "--out", "m"]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and f"has depth_unit m in {metres} and mm in {millimetres}" in error
+    assert "use LeRobot's 'lerobot-edit-dataset --operation.type=remove_feature'" in error
 
 
 def test_episodes_keep_the_task_of_each_frame(here):
