@@ -33,11 +33,11 @@ class ShowsEpisode(TakesModel):
         from nas_data.dataset.dataset import Dataset
         from nas_data.errors import OptionError
         from nas_data.reports.films.motion import follow
-        from nas_data.runs.progress import report_elapsed
+        from nas_data.runs.progress import begin
 
         if self.actuators != "position" and not self.model:
             raise OptionError("--actuators is for a URDF given with --model; without one, leave it out.")
         root = versions.resolve(self.dataset)
         dataset = Dataset.load(root, (self.episode,))
-        with report_elapsed("simulating"):
-            return root, follow(dataset, self.episode, as_models(self.model, self.actuators), self.engine)
+        begin("simulating")
+        return root, follow(dataset, self.episode, as_models(self.model, self.actuators), self.engine)

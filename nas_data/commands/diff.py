@@ -9,7 +9,7 @@ import tyro
 
 from nas_data.commands.base import Command, CommandResult
 from nas_data.count_of import count_of
-from nas_data.runs.progress import report_elapsed
+from nas_data.runs.progress import begin
 
 if TYPE_CHECKING:
     from nas_data.dataset.diff import Difference
@@ -37,9 +37,9 @@ class Diff(Command):
         from nas_data.dataset.derive_provenance import Original
         from nas_data.dataset.diff import compare_datasets
 
-        with report_elapsed(f"comparing {self.a} and {self.b}"):
-            a, b = Original.read(self.a), Original.read(self.b)
-            found = compare_datasets(a.dataset, b.dataset, (a.provenance, b.provenance))
+        begin(f"comparing {self.a} and {self.b}")
+        a, b = Original.read(self.a), Original.read(self.b)
+        found = compare_datasets(a.dataset, b.dataset, (a.provenance, b.provenance))
         verdict = "have equal content" if found.equal_content else "differ"
         origins = [
             f"  provenance {key}: {shorten(a)} in A, {shorten(b)} in B" for key, (a, b) in found.provenance.items()

@@ -9,7 +9,7 @@ import tyro
 from nas_data.commands.base import Command, CommandResult
 from nas_data.count_of import count_of
 from nas_data.errors import OptionError
-from nas_data.runs.progress import report_elapsed
+from nas_data.runs.progress import begin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,18 +42,18 @@ class Merge(Command):
             refuse_existing(self.out)
         if self.name is not None:
             check_name(self.name)
-        with report_elapsed(f"merging {count_of(len(self.datasets), 'dataset')}"):
-            originals = [Original.read(path) for path in self.datasets]
-            merged = merge(originals)
-            folder = save(
-                merged.dataset,
-                merged.provenance,
-                out=self.out,
-                name=self.name or "dataset",
-                parent=originals[0].root if self.name is None else None,
-                attachments=merged.attachments,
-            )
-            notes = list(list_merge_warnings(originals))
+        begin(f"merging {count_of(len(self.datasets), 'dataset')}")
+        originals = [Original.read(path) for path in self.datasets]
+        merged = merge(originals)
+        folder = save(
+            merged.dataset,
+            merged.provenance,
+            out=self.out,
+            name=self.name or "dataset",
+            parent=originals[0].root if self.name is None else None,
+            attachments=merged.attachments,
+        )
+        notes = list(list_merge_warnings(originals))
         dataset = merged.dataset
         text = (
             f"{count_of(dataset.n_episodes, 'episode')}, {count_of(dataset.n_frames, 'frame')} of "

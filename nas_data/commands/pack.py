@@ -7,7 +7,7 @@ import tyro
 
 from nas_data.commands.base import Command, CommandResult
 from nas_data.count_of import count_of
-from nas_data.runs.progress import report_elapsed
+from nas_data.runs.progress import begin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,8 +28,8 @@ class Pack(Command):
         """Check the dataset and pack it."""
         from nas_data.dataset.pack import pack
 
-        with report_elapsed(f"packing {self.dataset}"):
-            file, manifest = pack(self.dataset, self.out)
+        begin(f"packing {self.dataset}")
+        file, manifest = pack(self.dataset, self.out)
         size = file.stat().st_size
         return CommandResult(
             f"{count_of(len(manifest.files), 'file')}, {size / 1e6:.2f} MB → {file}",

@@ -8,7 +8,7 @@ import tyro
 
 from nas_data.commands.base import Command, CommandResult
 from nas_data.count_of import count_of
-from nas_data.runs.progress import report_elapsed
+from nas_data.runs.progress import begin
 
 if TYPE_CHECKING:
     from nas_data.dataset.recover import Rescue
@@ -47,9 +47,9 @@ class Recover(Command):
             check_name(self.name)
         like = resolve(self.like) if self.like is not None else None
         root = find_damaged(self.dataset)
-        with report_elapsed(f"rescuing {root}"):
-            rescue = recover(root, self.beyond, like)
-            folder = self._write(rescue)
+        begin(f"rescuing {root}")
+        rescue = recover(root, self.beyond, like)
+        folder = self._write(rescue)
         return CommandResult("\n".join(describe_rescue(rescue, folder)), make_json(rescue, folder))
 
     def _write(self, rescue: "Rescue") -> Path | None:

@@ -8,7 +8,7 @@ import tyro
 from nas_data.commands.base import Command, CommandResult
 from nas_data.count_of import count_of
 from nas_data.errors import OptionError
-from nas_data.runs.progress import report_elapsed
+from nas_data.runs.progress import begin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,11 +66,11 @@ class Split(Command):
             raise OptionError(f"Both parts would be named '{names[0]}'; give two names.")
         for item in names:
             check_name(item)
-        with report_elapsed(f"writing {count_of(original.dataset.n_frames, 'frame')}"):
-            written = [
-                write_version(part.dataset, item, part.provenance, folder, part.attachments)
-                for part, item in zip(parts, names, strict=True)
-            ]
+        begin(f"writing {count_of(original.dataset.n_frames, 'frame')}")
+        written = [
+            write_version(part.dataset, item, part.provenance, folder, part.attachments)
+            for part, item in zip(parts, names, strict=True)
+        ]
         notes = list(original.remarks())
         lines = [
             f"{count_of(part.dataset.n_episodes, 'episode')}, {count_of(part.dataset.n_frames, 'frame')} → {path}"
@@ -97,7 +97,7 @@ class Split(Command):
         check_name(target)
         dataset = cut_every(original.dataset, seconds)
         provenance = inherit([original], f"episodes of {original.parent.name} cut every {seconds:g} s")
-        with report_elapsed(f"writing {count_of(dataset.n_frames, 'frame')}"):
-            path = write_version(dataset, target, provenance, folder, original.attachments)
+        begin(f"writing {count_of(dataset.n_frames, 'frame')}")
+        path = write_version(dataset, target, provenance, folder, original.attachments)
         text = f"{count_of(dataset.n_episodes, 'episode')}, {count_of(dataset.n_frames, 'frame')} → {path}"
         return CommandResult(text, {"dataset": path, "episodes": dataset.n_episodes, "frames": dataset.n_frames})

@@ -7,7 +7,7 @@ import tyro
 
 from nas_data.commands.base import Command, CommandResult
 from nas_data.count_of import count_of
-from nas_data.runs.progress import report_elapsed
+from nas_data.runs.progress import begin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,9 +28,9 @@ class Unpack(Command):
         from nas_data.dataset.read import read
         from nas_data.dataset.unpack import unpack
 
-        with report_elapsed(f"checking {self.file}"):
-            root = unpack(self.file, self.folder)
-            dataset = read(root)
+        begin(f"checking {self.file}")
+        root = unpack(self.file, self.folder)
+        dataset = read(root)
         return CommandResult(
             f"{count_of(dataset.n_episodes, 'episode')}, {count_of(dataset.n_frames, 'frame')} of "
             f"{dataset.robot_type}, hashes correct → {root}",

@@ -102,14 +102,6 @@ def repeating(speak: Callable[[], None], pause: float) -> Iterator[None]:
         speaker.join()
 
 
-@contextmanager
-def report_elapsed(what: str, pause: float = PAUSE) -> Iterator[None]:
-    """Show a description and the elapsed time on stderr at every pause [s]."""
-    began = time.monotonic()
-    with repeating(lambda: say(f"{what}, {time.monotonic() - began:.0f} s"), pause):
-        yield
-
-
 class Step(logging.Handler):
     """The present step of the program, which is named by each message and by `begin`.
 
