@@ -56,7 +56,7 @@ def find_start_velocities(dataset: Dataset) -> StartVelocities:
     Args:
         dataset: Transitions with 2n-states.
     """
-    free, n, filled = not dataset.commands_positions, len(dataset.joints), np.flatnonzero(dataset.lengths > 0)
+    n, filled = len(dataset.joints), np.flatnonzero(dataset.lengths > 0)
     values: np.ndarray = np.zeros((dataset.n_episodes, n))
     deviations: np.ndarray = np.zeros((dataset.n_episodes, n))
     episodes = [dataset.states[rows].astype(float) for rows in dataset.episodes() if rows.stop > rows.start]
@@ -70,7 +70,7 @@ def find_start_velocities(dataset: Dataset) -> StartVelocities:
             values[filled, joint], deviations[filled, joint] = np.array(found).T
         else:
             values[filled, joint] = [rows[0, joint] for rows in velocities]
-            deviations[filled, joint] = estimate_velocity_noise([rows[:, joint] for rows in velocities], free)
+            deviations[filled, joint] = estimate_velocity_noise([rows[:, joint] for rows in velocities])
     rest = np.zeros((dataset.n_episodes, 1), bool)  # episodes that the recorder reports at rest
     rest[filled] = [[not rows[0].any()] for rows in velocities]
     values, deviations = np.where(rest, 0.0, values), np.where(rest, 0.0, deviations)
@@ -159,18 +159,10 @@ def compute_large_speeds(positions: Sequence[np.ndarray], fps: float) -> np.ndar
     return np.asarray(np.percentile(np.concatenate(steps), LARGE_PERCENTILE, axis=0) * fps / reach)
 
 
-def estimate_velocity_noise(velocities: Sequence[np.ndarray], effort: bool) -> float:
-    """Return an upper bound of the standard deviation of one joint's velocity readings [rad/s].
-
-    Args:
-        velocities: Velocities of each episode, shape (T,).
-        effort: Whether torques are commanded; then only rounding counts.
-    """
+def estimate_velocity_noise(velocities: Sequence[np.ndarray]) -> float:
+    """Return the standard deviation of one joint's velocity readings [rad/s; m/s], for episodes (T,)."""
     step = estimate_resolution(velocities)
-    rounding = step / float(np.sqrt(12.0))
-    if effort:
-        return rounding
-    return max(rounding, min(estimate_noise(velocities, order, step) for order in (*ODD, *ORDERS)))
+    return max(step / float(np.sqrt(12.0)), min(estimate_noise(velocities, order, step) for order in (*ODD, *ORDERS)))
 
 
 def detect_derived_velocities(

@@ -1,6 +1,6 @@
 """Composition of the gap report, and the series for its figures."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,7 +9,7 @@ import numpy as np
 from nas_data.effects.base import Effect
 from nas_data.gap.floor import compute_floor_ratios
 from nas_data.gap.name import EXPLAINED_FLOORS, Finding, Naming
-from nas_data.gap.nominal import Nominal, with_timestep
+from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_parts import (
@@ -68,12 +68,8 @@ def compose(
         experiment: Proposed experiment.
         seconds: Duration of the search [s].
     """
-    held, final = problem.held, naming.final
-    named = with_timestep(held.nominal, replace(problem.train, fine=final.fine).timestep)
-    given = replace(held, nominal=problem.as_given)
-    before = compute_rests(given, outcome.before, (), {})
-    delivered = given if outcome.delivered == "given" else replace(held, nominal=named)
-    after = compute_rests(delivered, outcome.after, final.effects, dict(final.factors))
+    held = problem.held
+    before, after = (compute_floor_ratios(part.squares, held.floor) for part in (outcome.before, outcome.after))
     dataset, model = problem.names
     return GapReport(
         dataset=dataset,
@@ -84,7 +80,7 @@ def compose(
         ),
         retuned=tuple(from_json(Retuned, entry) for entry in list_retuned(naming.final)),
         joints=describe_joints(held, naming, after),
-        unexplained=find_unexplained(held, outcome.after, after),
+        unexplained=find_unexplained(held, outcome.after.positions, after),
         gap=measure_gap(held, outcome, float(f"{naming.final.conditioning:.3g}")),
         shares=measure_shares(held, outcome),
         placebo=describe_placebo(held, naming),
@@ -94,37 +90,11 @@ def compose(
         episodes=EpisodeNumbers(
             train=tuple(np.unique(problem.train.evidence.numbers).tolist()),
             heldout=tuple(np.unique(held.evidence.numbers).tolist()),
-            begin_in_motion=begins_in_motion(held),
+            begin_in_motion=held.evidence.begins_in_motion,
         ),
         seed=0,
         seconds=round(seconds, 2),
     )
-
-
-def begins_in_motion(held: FitTask) -> bool:
-    """Return whether an episode begins in motion, so that its initial state is uncertain."""
-    return bool((held.evidence.start_deviations > 0).any())
-
-
-def compute_rests(
-    held: FitTask, predicted: np.ndarray, effects: Sequence[Effect], factors: dict[str, float]
-) -> np.ndarray:
-    """Return the held-out error over the noise floor, shape (n,).
-
-    The initial state of an episode that begins in motion may move within its uncertainty. Its error is not one of the
-    model.
-
-    Args:
-        held: Model and held-out episodes.
-        predicted: Positions predicted from the estimated initial states [rad; m], shape (E, T, n); used if every
-            episode begins at rest.
-        effects: Effects of the model.
-        factors: Factors of its parameters, by name.
-    """
-    if begins_in_motion(held):
-        held = held.infer_initial_loads(effects, factors).estimate_initial_states(effects, factors)
-        predicted = held.nominal.predict(held.evidence, effects, factors)
-    return compute_floor_ratios(held.evidence.mean_squares(predicted), held.floor)
 
 
 def describe_finding(finding: Finding, nominal: Nominal, in_file: bool) -> NamedEffect:
@@ -196,7 +166,7 @@ def measure_gap(held: FitTask, outcome: HeldOutResult, conditioning: float | Non
     models = {
         "before": outcome.before, "plain": outcome.plain, "after": outcome.after, "after_model_xml": outcome.written,
     }  # fmt: skip
-    squares = {name: held.evidence.mean_squares(predicted).mean(0) for name, predicted in models.items()}
+    squares = {name: held.evidence.mean_squares(predicted.positions).mean(0) for name, predicted in models.items()}
     squares = {"noise_floor": held.floor**2, **squares}
 
     def pooled(places: np.ndarray) -> dict[str, float]:
@@ -228,7 +198,10 @@ def measure_shares(held: FitTask, outcome: HeldOutResult) -> Shares:
         return Shares(**outcome.learned)
     places = select_first_kind(held)
     floor = float((held.floor[places] ** 2).mean())
-    before, after = (float(held.evidence.mean_squares(p)[:, places].mean()) for p in (outcome.before, outcome.after))
+    before, after = (
+        float(held.evidence.mean_squares(predicted.positions)[:, places].mean())
+        for predicted in (outcome.before, outcome.after)
+    )
     above_floor = max(before - floor, 1e-18)
     left = float(np.clip((after - floor) / above_floor, 0.0, 1.0))
     return Shares(names=1 - left, left=left)
@@ -269,10 +242,10 @@ def write_series(folder: Path, problem: Problem, naming: Naming, outcome: HeldOu
         "episodes": evidence.numbers,
         "measured": evidence.measured,
         "command": evidence.commands,
-        "before": outcome.before,
-        "retuned": outcome.retuned,
-        "plain": outcome.plain,
-        "after": outcome.after,
+        "before": outcome.before.positions,
+        "retuned": outcome.retuned.positions,
+        "plain": outcome.plain.positions,
+        "after": outcome.after.positions,
         "counts": evidence.mask,
         "floor": held.floor,
         "slides": np.array(held.nominal.slides, dtype=str),

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.floor import compute_floor_ratios
 from nas_data.gap.name import EXPLAINED_FLOORS, Naming
 from nas_data.gap.problem import Problem
-from nas_data.gap.score_model import HeldOutResult, predict_held, score_model
+from nas_data.gap.score_model import HeldOutResult, Prediction, predict_held, score_model
 from nas_data.gap.search.constants import ERROR_SHARE
 from nas_data.gap.search.final import FinalFit, fit_final
 from nas_data.gap.search.hypothesis import Description
@@ -54,17 +53,16 @@ class Delivery:
     folder: Path
     outcome: HeldOutResult
 
-    def accepts(self, predicted: np.ndarray) -> bool:
+    def accepts(self, predicted: Prediction) -> bool:
         """Whether predictions reach the noise floor, or the better of plain fit and given model."""
-        squares = self.problem.held.evidence.mean_squares(predicted)
-        at_floor = compute_floor_ratios(squares, self.problem.held.floor).max() <= EXPLAINED_FLOORS
+        at_floor = compute_floor_ratios(predicted.squares, self.problem.held.floor).max() <= EXPLAINED_FLOORS
         return bool(at_floor) or self.rms(predicted) <= min(self.rms(self.outcome.plain), self.rms(self.outcome.before))
 
-    def rms(self, predicted: np.ndarray) -> float:
+    def rms(self, predicted: Prediction) -> float:
         """Return the held-out error over all joints, each divided by its noise floor or that of its kind."""
         held = self.problem.held
         scales = average_by_kind(held.floor, held.evidence.joints, held.nominal.slides)
-        return rms(held.evidence, predicted, scales)
+        return float(np.sqrt((predicted.squares / scales**2).mean()))
 
     def score(self, final: FinalFit) -> HeldOutResult:
         """Write and score another model."""
@@ -164,8 +162,3 @@ def select_written_effects(description: Description) -> Description:
     effects = tuple(effect for effect in description.effects if effect.in_model)
     names = {effect.name() for effect in effects}
     return replace(description, effects=effects, shared=description.shared & names)
-
-
-def rms(evidence: EpisodeBatch, predicted: np.ndarray, scales: np.ndarray) -> float:
-    """Return the error over all episodes and joints, each divided by its scale [rad; m], shape (n,)."""
-    return float(np.sqrt((evidence.mean_squares(predicted) / scales**2).mean()))

@@ -129,6 +129,11 @@ class EpisodeBatch:
         return len(self.initial_positions)
 
     @property
+    def begins_in_motion(self) -> bool:
+        """Whether an episode begins in motion, so that its initial state is uncertain."""
+        return bool((self.start_deviations > 0).any())
+
+    @property
     def start_deviations(self) -> np.ndarray:
         """Standard deviations of initial positions, then velocities [rad, rad/s; m, m/s], shape (E, 2n).
 

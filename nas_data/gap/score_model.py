@@ -12,6 +12,7 @@ from nas_data.gap.nominal import Nominal, with_timestep
 from nas_data.gap.problem import Problem
 from nas_data.gap.search.final import FinalFit, fit_final
 from nas_data.gap.search.hypothesis import Description
+from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.scales import estimate_scales
 from nas_data.gap.write_model import MODEL, write_effects, write_model
 
@@ -24,8 +25,22 @@ SIZES = ((1.0, 1.0), (2.0, 1.0), (4.0, 1.0), (8.0, 1.5))
 
 
 @dataclass(frozen=True)
+class Prediction:
+    """Prediction of the held-out episodes by one model.
+
+    Attributes:
+        positions: Positions from the estimated initial states [rad; m], shape (E, T, n).
+        squares: Mean squared errors [rad²; m²], shape (E, n). The initial state of an episode that begins in motion has
+            moved within its uncertainty, because its error is not one of the model.
+    """
+
+    positions: np.ndarray
+    squares: np.ndarray
+
+
+@dataclass(frozen=True)
 class HeldOutResult:
-    """Predictions of the models on the held-out episodes: positions [rad; m], shape (E, T, n).
+    """Predictions of the held-out episodes by the models.
 
     Attributes:
         before: Given model.
@@ -40,11 +55,11 @@ class HeldOutResult:
         learned: Shares of the gap if φ was trained, else None.
     """
 
-    before: np.ndarray
-    retuned: np.ndarray
-    plain: np.ndarray
-    after: np.ndarray
-    written: np.ndarray
+    before: Prediction
+    retuned: Prediction
+    plain: Prediction
+    after: Prediction
+    written: Prediction
     model: Path
     expresses_all: bool = True
     delivered: str = "names"
@@ -61,20 +76,20 @@ def score_model(problem: Problem, final: FinalFit, null: FinalFit, plain: FinalF
     If the file can express all effects, it holds them. Otherwise it holds the most similar effects; `after` is then
     predicted with the effects of `effects.json`, and the file's own error is reported beside it.
     """
-    nominal, held = problem.held.nominal, problem.held.evidence
-    effects, factors = final.effects, dict(final.factors)
+    held = problem.held
+    nominal, effects, factors = held.nominal, final.effects, dict(final.factors)
     named = with_timestep(nominal, replace(problem.train, fine=final.fine).timestep)
     expresses_all = all(effect.in_model for effect in effects)
     if expresses_all:
         write_model(folder, nominal, effects, factors, float(named.spec.option.timestep))
     else:
         expresses_all = write_nearest(problem, final, folder, named)
-    written = Nominal.load(folder / MODEL, held).predict_from_inferred_start(held)
+    written = predict_episodes(held, Nominal.load(folder / MODEL, held.evidence))
     outcome = HeldOutResult(
-        before=problem.as_given.predict_from_inferred_start(held),
-        retuned=nominal.predict_from_inferred_start(held, (), null.factors),
+        before=predict_episodes(held, problem.as_given),
+        retuned=predict_episodes(held, nominal, (), null.factors),
         plain=predict_held(problem, plain),
-        after=written if expresses_all else named.predict_from_inferred_start(held, effects, factors),
+        after=written if expresses_all else predict_episodes(held, named, effects, factors),
         written=written,
         model=folder / MODEL,
         expresses_all=expresses_all,
@@ -83,10 +98,24 @@ def score_model(problem: Problem, final: FinalFit, null: FinalFit, plain: FinalF
     return outcome
 
 
-def predict_held(problem: Problem, final: FinalFit) -> np.ndarray:
-    """Return a hypothesis' predictions of the held-out episodes at its timestep [rad; m], shape (E, T, n)."""
+def predict_held(problem: Problem, final: FinalFit) -> Prediction:
+    """Return a hypothesis' prediction of the held-out episodes at its timestep."""
     nominal = with_timestep(problem.held.nominal, replace(problem.train, fine=final.fine).timestep)
-    return nominal.predict_from_inferred_start(problem.held.evidence, final.effects, dict(final.factors))
+    return predict_episodes(problem.held, nominal, final.effects, final.factors)
+
+
+def predict_episodes(
+    held: FitTask, nominal: Nominal, effects: Sequence[Effect] = (), factors: Mapping[str, float] | None = None
+) -> Prediction:
+    """Return the prediction of held-out episodes by a model with effects and factors of its parameters, by name."""
+    numbers = dict(factors or {})
+    evidence = nominal.infer_initial_loads(held.evidence, effects, numbers)
+    positions = nominal.predict(evidence, effects, numbers)
+    if not evidence.begins_in_motion:
+        return Prediction(positions, evidence.mean_squares(positions))
+    task = replace(held, nominal=nominal, evidence=evidence, coarse_model=None, correction=0.0)
+    moved = task.estimate_initial_states(effects, numbers).evidence
+    return Prediction(positions, moved.mean_squares(nominal.predict(moved, effects, numbers)))
 
 
 def write_nearest(problem: Problem, final: FinalFit, folder: Path, named: Nominal) -> bool:

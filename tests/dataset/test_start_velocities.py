@@ -140,6 +140,15 @@ def test_an_arm_under_torques_starts_at_what_is_more_than_rounding():
     assert (find_start_velocities(slow).values > 0).all()
 
 
+@given(noise=st.floats(0.005, 0.5))
+@settings(max_examples=20, deadline=None)
+def test_an_arm_under_torques_has_the_noise_of_its_sensor_in_its_start(noise: float):
+    positions, velocities = swings(100.0, 1.0)
+    found = find_start_velocities(seen(positions, read(velocities, noise), 100.0, "", effort=True))
+    assert not found.derived.any()
+    assert (0.8 * noise < found.deviations).all() and (found.deviations < 1.2 * noise + 0.02).all()
+
+
 # In motion
 
 

@@ -10,14 +10,15 @@ from support.evidence_samples import QUANTUM, measured
 from support.search_samples import arm, played, tasks
 
 from nas_data.effects.base import parse
-from nas_data.gap.compose import compute_rests
 from nas_data.gap.floor import compute_floor_ratios
 from nas_data.gap.nominal import with_timestep
+from nas_data.gap.score_model import predict_episodes
 from nas_data.gap.search.fit import evaluate_loss, fit
 from nas_data.gap.search.objective import MAX_START_CHANGE, FitTask, ObjectiveMismatch, Score
 from nas_data.gap.search.parameters import FreeParameters, select_free_base
 from nas_data.gap.search.timestep import choose_timestep
 
+HEAVY = "rotor_inertia:joint=j1,inertia=0.01"
 FLOOR = np.full(6, QUANTUM / np.sqrt(12))
 NATS = st.floats(-1e6, 1e6)
 
@@ -142,5 +143,7 @@ def test_a_rest_does_not_contain_what_an_estimated_initial_state_adds():
     task = FitTask(nominal, began, np.full(2, 1e-4))
     predicted = nominal.predict(began)
     assert compute_floor_ratios(began.mean_squares(predicted), task.floor).min() > 3
-    assert compute_rests(task, predicted, (), {}).max() < 1
-    assert compute_rests(task, predicted, [parse("rotor_inertia:joint=j1,inertia=0.01")], {}).max() > 3
+    right, wrong = (predict_episodes(task, nominal, effects) for effects in ((), (parse(HEAVY),)))
+    assert np.array_equal(right.positions, predicted)
+    assert compute_floor_ratios(right.squares, task.floor).max() < 1
+    assert compute_floor_ratios(wrong.squares, task.floor).max() > 3

@@ -14,7 +14,7 @@ from nas_data.gap import score_model as added_file
 from nas_data.gap.deliver import Delivery, deliver, write_plain_fit
 from nas_data.gap.name import Finding, Naming
 from nas_data.gap.problem import Problem
-from nas_data.gap.score_model import HeldOutResult, score_model
+from nas_data.gap.score_model import HeldOutResult, Prediction, predict_episodes, score_model
 from nas_data.gap.search.final import FinalFit
 from nas_data.gap.search.hypothesis import Description
 from nas_data.robots import ergojr
@@ -48,8 +48,8 @@ def outcome(given: Problem, folder: Path, *effects: str) -> HeldOutResult:
     return score_model(given, known, FinalFit((), {}, ()), FinalFit((), {}, ()), folder)
 
 
-def error(given: Problem, predicted: np.ndarray) -> float:
-    return float(np.degrees(np.sqrt(given.held.evidence.mean_squares(predicted).mean())))
+def error(given: Problem, predicted: Prediction) -> float:
+    return float(np.degrees(np.sqrt(given.held.evidence.mean_squares(predicted.positions).mean())))
 
 
 def flags(folder: Path) -> dict[str, bool]:
@@ -67,7 +67,7 @@ def test_the_file_rubs_under_load_by_itself(given: Problem, folder: Path, tmp_pa
     assert error(given, found.written) < 1.4 * floor
     again = Problem.load(folder / "arm", found.model)
     assert not again.held.nominal.notes
-    assert error(again, again.held.nominal.predict(again.held.evidence)) == pytest.approx(
+    assert error(again, predict_episodes(again.held, again.held.nominal)) == pytest.approx(
         error(given, found.written), rel=0.05
     )
 

@@ -239,7 +239,7 @@ class Search:
     @property
     def begins_in_motion(self) -> bool:
         """Whether an episode begins in motion."""
-        return bool((self.task.evidence.velocity_deviations > 0).any())
+        return self.task.evidence.begins_in_motion
 
     @property
     def current_round(self) -> Round:
