@@ -12,6 +12,7 @@ from types import ModuleType
 from nas_data import registry
 
 GYMNASIUM = "gymnasium"
+TARGET_DYNAMICS = "backlash"  # dynamics of the target unless others are named
 
 
 def make_environment_name(task: str) -> str:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from nas_data.commands.base import Command, CommandResult
+from nas_data.environment_ids import TARGET_DYNAMICS
 from nas_data.runs.progress import say
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ class ExperimentCommand(Command):
 
     env: tuple[str, ...] = ()
     """Environments; by default those of the paper, with --quick only the first."""
-    dynamics: str = "backlash"
+    dynamics: str = TARGET_DYNAMICS
     """Dynamics of the target, such as backlash or paper; an unknown name lists all."""
     engine: Literal["mujoco", "bullet"] = "mujoco"
     """Physics engine of the target; the source runs in MuJoCo, so that `bullet` adds the difference of the engines."""

@@ -6,6 +6,7 @@ from typing import Literal
 
 from nas_data.commands.base import Command, CommandResult
 from nas_data.count_of import count_of
+from nas_data.environment_ids import TARGET_DYNAMICS
 from nas_data.errors import OptionError
 
 
@@ -22,7 +23,7 @@ class PolicyCompare(Command):
 
     env: str = "ErgoReacher"
     """Environment, such as ErgoReacher or Pusher; an unknown name lists all."""
-    dynamics: str = "backlash"
+    dynamics: str = TARGET_DYNAMICS
     """Dynamics of the target, such as backlash or paper; an unknown name lists all."""
     engine: Literal["mujoco", "bullet"] = "mujoco"
     """Physics engine of the target; the sources run in MuJoCo, so that `bullet` adds the difference of the engines."""

@@ -8,6 +8,7 @@ import tyro
 
 from nas_data.commands.base import Command, CommandResult
 from nas_data.count_of import count_of
+from nas_data.environment_ids import TARGET_DYNAMICS
 from nas_data.errors import OptionError
 
 
@@ -29,7 +30,7 @@ class PolicyEvaluate(Command):
     """Folders written by `nas policy train`: of one policy, or of one per seed."""
     on: Literal["target", "source", "named", "ergojr"] = "target"
     """Where to evaluate: the target, the plain model, the model with named effects, or the arm itself."""
-    dynamics: str = "backlash"
+    dynamics: str = TARGET_DYNAMICS
     """Dynamics of the target, such as backlash or paper; an unknown name lists all."""
     engine: Literal["mujoco", "bullet"] = "mujoco"
     """Physics engine of the evaluation."""
@@ -90,7 +91,7 @@ class PolicyEvaluate(Command):
             "--finish": self.finish,
             "--apart": self.apart != "bodies",
         }
-        simulations = {"--engine": self.engine != "mujoco", "--dynamics": self.dynamics != "backlash"}
+        simulations = {"--engine": self.engine != "mujoco", "--dynamics": self.dynamics != TARGET_DYNAMICS}
         unused = [option for option, given in (simulations if self.port else arms).items() if given]
         if unused:
             raise OptionError(f"Evaluation on '{self.on}' takes no {unused[0]}; see: nas policy evaluate --help.")

@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from nas_data.commands.base import Command, CommandResult
+from nas_data.environment_ids import TARGET_DYNAMICS
 from nas_data.errors import OptionError
 
 if TYPE_CHECKING:
     from nas_data.policies.ppo import PolicyTraining
-
-USUAL = "backlash"  # dynamics of the target where --dynamics is left out, here and in `nas policy evaluate`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +32,7 @@ class PolicyTrain(Command):
     effects: Path | None = None
     """A gap report's folder, or its effects.json: needed with --on named, and with augmented if φ corrects this
     model."""
-    dynamics: str = USUAL
+    dynamics: str = TARGET_DYNAMICS
     """Dynamics of the target with --on target, such as backlash or paper; an unknown name lists all."""
     engine: Literal["mujoco", "bullet"] = "mujoco"
     """Physics engine, for all but ψ; a policy of one engine may be evaluated in the other."""
@@ -127,4 +126,4 @@ def suggest_evaluation(folder: Path, dynamics: str, known: Sequence[str]) -> str
         known: Dynamics of the environment; the last one is suggested if `dynamics` is none of them.
     """
     chosen = dynamics if dynamics in known else known[-1]
-    return f"nas policy evaluate {folder}" + (f" --dynamics {chosen}" if chosen != USUAL else "")
+    return f"nas policy evaluate {folder}" + (f" --dynamics {chosen}" if chosen != TARGET_DYNAMICS else "")

@@ -10,6 +10,7 @@ import tyro
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
 from nas_data.count_of import count_of
+from nas_data.environment_ids import TARGET_DYNAMICS
 from nas_data.runs.progress import PAUSE, RateLimited, begin
 
 
@@ -26,7 +27,7 @@ class RecordSim(TakesModel):
     """A robot's name, or any MJCF or URDF file."""
     env: str | None = None
     """An environment instead of a robot: its model, rate, initial states, objects, and commands in its action space."""
-    dynamics: str = "backlash"
+    dynamics: str = TARGET_DYNAMICS
     """Dynamics of the target with --env, such as backlash or paper; an unknown name lists all."""
     engine: Literal["mujoco", "bullet"] = "mujoco"
     """Physics engine of the target."""

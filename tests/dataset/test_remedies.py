@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from support.command_samples import refused
 from support.dataset_samples import recorded
 from support.import_samples import columns_of, map_text, motion, write_log, write_map
 from support.lerobot_samples import ARM
@@ -39,12 +40,6 @@ def here(tmp_path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
     Path("arm.xml").write_text(ARM)
     return tmp_path
-
-
-def refused(capsys, *arguments: str) -> str:
-    capsys.readouterr()
-    assert main(list(arguments)) == 2
-    return capsys.readouterr().err.strip()
 
 
 def positions(rows: int = 60) -> np.ndarray:
@@ -194,9 +189,7 @@ def test_a_recording_of_other_features_grows_under_another_name_as_is_said(tmp_p
 def test_a_result_goes_to_another_folder_or_after_removing_one_as_is_said(here, capsys):
     write(recorded(), here / "d", SIMULATED)
     (here / "taken").mkdir()
-    assert "taken exists already; choose another folder or remove it." in refused(
-        capsys, "merge", "d", "--out", "taken"
-    )
+    assert "taken exists already; choose another folder or remove it." in refused("merge", "d", "--out", "taken")
     assert main(["merge", "d", "--out", "free"]) == 0
     (here / "taken").rmdir()
     assert main(["merge", "d", "--out", "taken"]) == 0
@@ -338,17 +331,17 @@ NAMES = {
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_joints_are_named_in_a_map_as_is_said(here, capsys, name):
+def test_joints_are_named_in_a_map_as_is_said(here, name):
     names, asked, text, said = NAMES[name]
     lerobot("d", names, asked)
     Path("own.toml").write_text(text)
-    assert said in refused(capsys, "pair", "d", "--model", "arm.xml")
+    assert said in refused("pair", "d", "--model", "arm.xml")
     assert main(["import", "d", "--map", "own.toml", "--out", "done"]) == 0
     assert main(["pair", "done", "--model", "arm.xml", "--out", "paired"]) == 0
 
 
 @pytest.mark.parametrize("unit", ["deg", ""])
-def test_a_dataset_in_another_unit_is_imported_by_the_command_that_is_named(here, capsys, unit):
+def test_a_dataset_in_another_unit_is_imported_by_the_command_that_is_named(here, unit):
     """Where no unit is stored, values too large for radians give it away."""
     root = lerobot("d", unit=unit)
     if not unit:
@@ -358,7 +351,7 @@ def test_a_dataset_in_another_unit_is_imported_by_the_command_that_is_named(here
         write(Dataset(features, columns, np.array([60]), 50.0, "arm2"), root, SIMULATED)
         (root / layout.PROVENANCE).unlink()
     for use in (["pair", "d", "--model", "arm.xml"], ["import", "d", "--out", "never"]):
-        said = refused(capsys, *use)
+        said = refused(*use)
         assert "of joint j1 is in deg, rad is needed" in said if unit else "which cannot be radians (degrees or" in said
         (command,) = commands_in(said)
         assert command == ["import", "d", "--unit", "deg"]
@@ -374,10 +367,10 @@ CLOCKS = {
 
 
 @pytest.mark.parametrize("name", CLOCKS)
-def test_a_clock_that_contradicts_the_rate_is_answered_with_commands_that_import(here, capsys, name):
+def test_a_clock_that_contradicts_the_rate_is_answered_with_commands_that_import(here, name):
     time, part, count = CLOCKS[name]
     lerobot("d", time=time)
-    said = refused(capsys, "pair", "d", "--model", "arm.xml")
+    said = refused("pair", "d", "--model", "arm.xml")
     assert part in said, said
     commands = commands_in(said)
     assert len(commands) == count, said
@@ -395,25 +388,25 @@ def replace_cells(root: Path, key: str, change: Callable[[list], list]) -> None:
     pq.write_table(table.set_column(table.schema.get_field_index(key), field, column), path)
 
 
-def test_time_stamps_without_a_number_are_ignored_by_the_command_that_is_named(here, capsys):
+def test_time_stamps_without_a_number_are_ignored_by_the_command_that_is_named(here):
     root = lerobot("d")
     replace_cells(root, "timestamp", lambda cells: [*cells[:7], float("nan"), *cells[8:]])
-    said = refused(capsys, "import", "d", "--out", "never")
+    said = refused("import", "d", "--out", "never")
     assert "the time is empty, NaN or infinite in row 7" in said and "ignore its time stamps" in said, said
     (command,) = commands_in(said)
     assert main([*command, "--out", "done"]) == 0
 
 
-def test_an_episode_that_is_not_finite_is_dropped_by_the_command_that_is_named(here, capsys):
+def test_an_episode_that_is_not_finite_is_dropped_by_the_command_that_is_named(here):
     root = write(recorded(), here / "d", SIMULATED)
     replace_cells(root, ACTION, lambda cells: [*cells[:7], [float("inf")] * 3, *cells[8:]])
-    said = refused(capsys, "info", "d")
+    said = refused("info", "d")
     assert "'action' (m1.pos) is inf in episode 1, frame 2; drop that episode ('nas recover d --beyond'), or" in said
     assert main(["recover", "d", "--beyond", "--out", "done"]) == 0
     assert read(here / "done").lengths.tolist() == [5, 5]
 
 
-def test_datasets_of_unlike_features_are_imported_in_the_same_way_to_be_merged(here, capsys):
+def test_datasets_of_unlike_features_are_imported_in_the_same_way_to_be_merged(here):
     def import_log(name: str, out: str, **changes: str) -> str:
         write_log(here / f"{name}.npz", columns_of(motion(phase=float(len(name)))))
         write_map(here, map_text(**changes))
@@ -425,7 +418,7 @@ def test_datasets_of_unlike_features_are_imported_in_the_same_way_to_be_merged(h
     turned = import_log("bb", "turned", **torque)
     alike = import_log("bb", "alike")
     for other, why in ((lean, "first lacks 'nas.velocity', which lean has"), (turned, "'action' has names")):
-        said = refused(capsys, "merge", first, other, "--out", "never")
+        said = refused("merge", first, other, "--out", "never")
         assert why in said and "record or import both in the same way to merge them." in said, said
     assert main(["merge", first, alike, "--out", "done"]) == 0
 
@@ -440,7 +433,7 @@ NAMED = {
 
 
 @pytest.mark.parametrize("key", NAMED)
-def test_datasets_of_one_robot_under_two_names_are_imported_with_one_name_to_be_merged(here, capsys, key):
+def test_datasets_of_one_robot_under_two_names_are_imported_with_one_name_to_be_merged(here, key):
     value, said = NAMED[key]
     text = map_text()
     renamed = re.sub(f"^{key} = .*", f"{key} = {value}", text, flags=re.MULTILINE)
@@ -448,7 +441,7 @@ def test_datasets_of_one_robot_under_two_names_are_imported_with_one_name_to_be_
         write_log(here / f"{name}.npz", columns_of(motion(phase=float(ord(name)))))
         write_map(here, mapping)
         assert main(["import", f"{name}.npz", "--map", "map.toml", "--out", name.upper()]) == 0
-    assert said in refused(capsys, "merge", "A", "B", "--out", "never")
+    assert said in refused("merge", "A", "B", "--out", "never")
     assert main(["merge", "A", "C", "--out", "done"]) == 0
 
 
@@ -528,13 +521,13 @@ def test_a_table_that_is_put_back_gives_the_position_of_the_videos_as_is_said(he
     assert FRONT in read(here / "seen").passthrough.features
 
 
-def test_datasets_are_merged_once_a_camera_is_left_out_as_is_said(here, capsys):
+def test_datasets_are_merged_once_a_camera_is_left_out_as_is_said(here):
     """LeRobot's program takes the camera away; here the same dataset without it stands for its result."""
     filmed("raw")
     assert main(["recover", "raw", "--out", "seen"]) == 0
     for number, root in enumerate(("blind", "other")):
         write(recorded(seed=number), here / root, SIMULATED)
-    said = refused(capsys, "merge", "blind", "seen", "--out", "never")
+    said = refused("merge", "blind", "seen", "--out", "never")
     program, _, choice = re.search(r"'(lerobot-edit-dataset) (--operation.type)=(\w+)'", said).groups()
     assert main(["merge", "blind", "other", "--out", "done"]) == 0
     lerobot = pytest.importorskip("lerobot")
@@ -561,9 +554,9 @@ MISSING = {
 
 
 @pytest.mark.parametrize("command", MISSING)
-def test_a_path_at_which_there_is_nothing_is_called_missing(here, capsys, command):
+def test_a_path_at_which_there_is_nothing_is_called_missing(here, command):
     write(recorded(), here / "d", SIMULATED)
-    assert MISSING[command] in refused(capsys, *command.split())
+    assert MISSING[command] in refused(*command.split())
 
 
 # What is shared and rescued
@@ -574,56 +567,56 @@ def packed(root: str = "d", out: str = "d.nas.tar") -> bytes:
     return Path(out).read_bytes()
 
 
-def test_a_pack_goes_where_a_folder_is_as_is_said(here, capsys):
+def test_a_pack_goes_where_a_folder_is_as_is_said(here):
     write(recorded(), here / "d", SIMULATED)
-    said = refused(capsys, "pack", "d", "--out", "no/d.nas.tar")
+    said = refused("pack", "d", "--out", "no/d.nas.tar")
     assert said.endswith("There is no folder no; make it, or give another --out.")
     packed(out="other.nas.tar")
     (here / "no").mkdir()
     packed(out="no/d.nas.tar")
 
 
-def test_a_file_whose_name_not_every_system_allows_is_renamed_as_is_said(here, capsys):
+def test_a_file_whose_name_not_every_system_allows_is_renamed_as_is_said(here):
     root = write(recorded(), here / "d", SIMULATED)
     (root / "12:30.txt").write_text("red arm")
-    said = refused(capsys, "pack", "d", "--out", "d.nas.tar")
+    said = refused("pack", "d", "--out", "d.nas.tar")
     assert said.endswith("d/12:30.txt has a name that some file systems do not allow; rename it."), said
     (root / "12:30.txt").rename(root / "12.30.txt")
     packed()
 
 
-def test_a_pack_that_is_missing_or_damaged_is_given_again_as_is_said(here, capsys):
+def test_a_pack_that_is_missing_or_damaged_is_given_again_as_is_said(here):
     write(recorded(), here / "d", SIMULATED)
     whole = packed()
-    said = refused(capsys, "unpack", "none.nas.tar")
+    said = refused("unpack", "none.nas.tar")
     assert "There is no file none.nas.tar; give one that 'nas pack' wrote." in said
     Path("d.nas.tar").write_bytes(whole[:-2000])
-    assert "copy it again, or have it packed again." in refused(capsys, "unpack", "d.nas.tar")
+    assert "copy it again, or have it packed again." in refused("unpack", "d.nas.tar")
     Path("d.nas.tar").unlink()
     packed()
     Path("mine").write_text("a file")
-    said = refused(capsys, "unpack", "d.nas.tar", "--folder", "mine")
+    said = refused("unpack", "d.nas.tar", "--folder", "mine")
     assert said.endswith("mine is a file; give the folder of your datasets with --folder.")
     assert main(["unpack", "d.nas.tar", "--folder", "yours"]) == 0
 
 
-def test_one_of_several_leftovers_is_rescued_as_is_said(here, capsys):
+def test_one_of_several_leftovers_is_rescued_as_is_said(here):
     whole = write(recorded(), here / "d", SIMULATED)
     for number in range(2):
         shutil.copytree(whole, here / f".d.partial-0000000{number}")
     shutil.rmtree(whole)
-    said = refused(capsys, "recover", "d")
+    said = refused("recover", "d")
     assert "left several unfinished datasets there; give one of: " in said
     one, _ = said.partition("give one of: ")[2].rstrip(".").split(", ")
     assert main(["recover", one, "--out", "done"]) == 0
     assert read(here / "done").n_episodes == 3
 
 
-def test_what_another_program_writes_is_left_until_it_ends_as_is_said(here, capsys):
+def test_what_another_program_writes_is_left_until_it_ends_as_is_said(here):
     whole = write(recorded(), here / "whole", SIMULATED)
     with staging_folder(here / "d") as hidden:
         shutil.copytree(whole, hidden, dirs_exist_ok=True)
-        said = refused(capsys, "recover", str(hidden))
+        said = refused("recover", str(hidden))
         assert "is being written by a running process; wait until it ends, or end it first." in said
         hidden.rename(here / "d")
     assert main(["recover", "d"]) == 0 and read(here / "d").n_episodes == 3
@@ -642,9 +635,9 @@ def test_one_program_at_a_time_writes_under_a_name_as_is_said(here):
         pass
 
 
-def test_where_nothing_is_to_be_rescued_a_dataset_is_given_as_is_said(here, capsys):
+def test_where_nothing_is_to_be_rescued_a_dataset_is_given_as_is_said(here):
     (here / "empty").mkdir()
-    said = refused(capsys, "recover", "empty")
+    said = refused("recover", "empty")
     assert said.endswith("empty: neither a dataset nor an unfinished one; give a dataset or an unfinished one.")
     root = write(recorded(), here / "d", SIMULATED)
     (root / layout.STATS).write_text("{")
@@ -700,11 +693,11 @@ DAMAGES = {
 
 
 @pytest.mark.parametrize("said", DAMAGES)
-def test_a_damaged_file_is_restored_from_a_copy_as_is_said(here, capsys, said):
+def test_a_damaged_file_is_restored_from_a_copy_as_is_said(here, said):
     root = write(recorded(), here / "d", SIMULATED)
     shutil.copytree(root, here / "copy")
     DAMAGES[said](root)
-    sentence = refused(capsys, "pack", "d", "--out", "d.nas.tar")
+    sentence = refused("pack", "d", "--out", "d.nas.tar")
     assert said in sentence and re.search(r"restore (it|them) from a copy|restore it from a copy, or", sentence), (
         sentence
     )

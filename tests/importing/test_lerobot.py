@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.compute
 import pyarrow.parquet as pq
 import pytest
+from support.command_samples import refused
 from support.lerobot_samples import (
     ARM,
     JOINTS,
@@ -50,15 +51,6 @@ def imported(*arguments: str) -> Path:
     out = Path(f"i{len(list(Path().glob('i[0-9]*')))}")
     assert main(["import", *arguments, "--out", str(out)]) == 0
     return out
-
-
-def refused(capsys, *arguments: str) -> str:
-    """Run a command that must be refused in one sentence."""
-    capsys.readouterr()
-    assert main(list(arguments)) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1, error
-    return error
 
 
 def remedies(error: str) -> list[list[str]]:
@@ -137,11 +129,11 @@ def test_degrees_of_an_earlier_lerobot_are_told_by_its_ticks(here, capsys):
     np.testing.assert_allclose(dataset.states[:39, :5], truth[:39, :5] * 4095 / 4096, atol=1e-5)
 
 
-def test_ranges_without_a_calibration_are_refused_and_the_remedy_works(here, capsys):
+def test_ranges_without_a_calibration_are_refused_and_the_remedy_works(here):
     motors = write_calibration(here / "FILE", SO101)
     episodes, _ = so101("range", motors, np.random.default_rng(1))
     write_lerobot(here / "d", episodes, SO101, "so101_follower")
-    assert "--calibration FILE" in refused(capsys, "import", "d", "--map", "so101_lerobot")
+    assert "--calibration FILE" in refused("import", "d", "--map", "so101_lerobot")
     assert main(["import", "d", "--map", "so101_lerobot", "--calibration", "FILE", "--out", "done"]) == 0
 
 
@@ -155,23 +147,23 @@ def test_ranges_without_a_calibration_are_refused_and_the_remedy_works(here, cap
         ("arm2", "pair"),
     ],
 )
-def test_degrees_are_answered_with_the_command_that_imports_them(here, capsys, robot, command):
+def test_degrees_are_answered_with_the_command_that_imports_them(here, robot, command):
     joints = JOINTS if robot == "arm2" else SO101
     episodes = [(np.resize(s, (60, len(joints))), np.resize(c, (60, len(joints)))) for s, c in scaled(180 / np.pi)]
     write_lerobot(here / "d", episodes, joints, robot)
     model = [] if command == "train forward" else ["--model", "arm.xml"]
-    (remedy,) = remedies(refused(capsys, *command.split(), "d", *model))
+    (remedy,) = remedies(refused(*command.split(), "d", *model))
     assert main([*remedy, "--out", "done"]) == 0
     dataset = read(here / "done")
     assert np.abs(dataset.states[:, 0]).max() < 2 and verify(here / "done") == []
 
 
-def test_readings_beyond_100_are_degrees_and_others_may_be_ranges(here, capsys):
+def test_readings_beyond_100_are_degrees_and_others_may_be_ranges(here):
     write_calibration(here / "FILE", JOINTS)
     write_lerobot(here / "far", [(s * 150, c * 150) for s, c in scaled(1)], JOINTS, "arm2")
-    assert "--unit range" not in refused(capsys, "pair", "far", "--model", "arm.xml")
+    assert "--unit range" not in refused("pair", "far", "--model", "arm.xml")
     write_lerobot(here / "near", [(s * 50, c * 50) for s, c in scaled(1)], JOINTS, "arm2")
-    said = refused(capsys, "pair", "near", "--model", "arm.xml")
+    said = refused("pair", "near", "--model", "arm.xml")
     options = re.search(r"--unit range --calibration FILE", said)[0].split()
     assert main(["import", "near", *options, "--out", "done"]) == 0
 
@@ -197,7 +189,7 @@ CLOCKS = {
 def test_a_clock_that_denies_the_rate_is_refused_and_every_remedy_works(here, capsys, clock, command):
     stamp(write_lerobot(here / "d", motions()), CLOCKS[clock])
     model = [] if command == "train forward" else ["--model", "arm.xml"]
-    error = refused(capsys, *command.split(), "d", *model)
+    error = refused(*command.split(), "d", *model)
     assert main(["info", "d"]) == 0
     assert "not usable as it is" in capsys.readouterr().out
     for number, remedy in enumerate(remedies(error)):
@@ -387,7 +379,7 @@ def check_pictures(root: Path, frames: dict[int, int], tasks: dict[int, str]) ->
             assert float(item[f"observation.images.{camera}"].mean()) == pytest.approx(4 * row / 255, abs=0.012)
 
 
-def test_cameras_texts_and_tasks_survive_import_split_merge_and_pack(here, filmed, capsys):
+def test_cameras_texts_and_tasks_survive_import_split_merge_and_pack(here, filmed):
     folder = imported(str(filmed), "--unit", "deg")
     assert verify(folder) == []
     check_pictures(folder, {0: 0, 58: 58, 59: 0, 100: 41}, {0: "pick 0", 58: "pick 0", 59: "pick 1", 100: "pick 1"})
@@ -527,31 +519,31 @@ def test_two_public_checkers_find_nothing_wrong_with_what_we_write(here):
         assert {one for one in said_by_checkers(root) if one[0] == "FAIL"} == set()
 
 
-def test_a_gripper_of_a_robot_without_a_map_takes_its_range_from_the_model(here, capsys):
+def test_a_gripper_of_a_robot_without_a_map_takes_its_range_from_the_model(here):
     names = ("j1", "gripper")
     episodes = [(np.column_stack([s[:, 0] * 57, 50 + 40 * np.sin(s[:, 1])]),) * 2 for s, _ in motions()]
     write_lerobot(here / "d", episodes, names)
     (here / "arm.xml").write_text(ARM.replace("j2", "gripper"))
-    said = refused(capsys, "pair", "d", "--model", "arm.xml")
+    said = refused("pair", "d", "--model", "arm.xml")
     assert "−100 … 100 need --unit range --calibration FILE" in said
     assert said.strip().endswith("import it: nas import d --unit deg --model MODEL.xml.")
-    assert "add --model" in refused(capsys, "import", "d", "--unit", "deg")
+    assert "add --model" in refused("import", "d", "--unit", "deg")
     dataset = read(imported("d", "--unit", "deg", "--model", "arm.xml"))
     wanted = -2 + 4 * episodes[0][0][:59, 1] / 100
     np.testing.assert_allclose(dataset.states[:59, 1], wanted, atol=1e-5)
 
 
-def test_radians_by_the_map_of_degrees_are_refused_and_the_remedy_works(here, capsys):
+def test_radians_by_the_map_of_degrees_are_refused_and_the_remedy_works(here):
     episodes = [(np.resize(s, (60, 6)), np.resize(c, (60, 6))) for s, c in motions()]
     for states, commands in episodes:
         states[:, 5] = commands[:, 5] = 50 + 10 * states[:, 5]  # the gripper, in 0 … 100
     write_lerobot(here / "d", episodes, SO101, "so101_follower")
-    assert "use --unit rad" in refused(capsys, "import", "d", "--map", "so101_lerobot")
+    assert "use --unit rad" in refused("import", "d", "--map", "so101_lerobot")
     dataset = read(imported("d", "--map", "so101_lerobot", "--unit", "rad"))
     np.testing.assert_allclose(dataset.states[:59, :5], episodes[0][0][:59, :5], atol=1e-6)
 
 
-def test_joints_of_several_turns_are_taken_where_it_is_said_and_used_throughout(here, capsys):
+def test_joints_of_several_turns_are_taken_where_it_is_said_and_used_throughout(here):
     write_lerobot(here / "d", scaled(20.0))
     assert main(["pair", "d", "--model", "arm.xml", "--out", "p"]) == 2
     folder = imported("d", "--unit", "rad")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.command_samples import refused
 from support.model_features import PERIOD, SERVO, WAYS, Way
 from support.simulator_samples import CONTACTS, GRIPPER, PLAY, hinge, unstable
 
@@ -40,12 +41,6 @@ GEARLESS = Way("`position` with a gear of 0", "untold", '<position joint="{j}" k
 def here(tmp_path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-def refused(capsys, *arguments: str) -> str:
-    capsys.readouterr()
-    assert main(list(arguments)) == 2
-    return capsys.readouterr().err.strip()
 
 
 def dataset(*joints: str) -> None:
@@ -176,11 +171,11 @@ SOFTENED = {
 
 
 @pytest.mark.parametrize("name", SOFTENED)
-def test_a_model_that_diverges_is_stable_once_it_is_changed_as_is_said(here, capsys, name):
+def test_a_model_that_diverges_is_stable_once_it_is_changed_as_is_said(here, name):
     dataset("hinge")
     unsteady = hinge(options='kp="1e5"', timestep=0.01) if name == "timestep" else unstable()
     Path("arm.xml").write_text(unsteady)
-    said = refused(capsys, "pair", "d", "--model", "arm.xml")
+    said = refused("pair", "d", "--model", "arm.xml")
     assert "arm.xml diverges in MuJoCo (" in said
     assert said.endswith("shorten its timestep, soften its gains or check its inertias."), said
     Path("arm.xml").write_text(SOFTENED[name])
@@ -188,10 +183,10 @@ def test_a_model_that_diverges_is_stable_once_it_is_changed_as_is_said(here, cap
 
 
 @pytest.mark.bullet
-def test_a_model_that_diverges_in_pybullet_is_stable_once_it_is_changed_as_is_said(here, capsys):
+def test_a_model_that_diverges_in_pybullet_is_stable_once_it_is_changed_as_is_said(here):
     dataset("hinge")
     Path("arm.xml").write_text(unstable())
-    said = refused(capsys, "pair", "d", "--model", "arm.xml", "--engine", "bullet")
+    said = refused("pair", "d", "--model", "arm.xml", "--engine", "bullet")
     assert said.endswith("arm.xml diverges in PyBullet; shorten its timestep, soften its gains or check its inertias.")
     Path("arm.xml").write_text(hinge())
     assert main(["pair", "d", "--model", "arm.xml", "--engine", "bullet", "--out", "done"]) == 0
@@ -228,11 +223,11 @@ FOREIGN = {
 
 @pytest.mark.bullet
 @pytest.mark.parametrize("what", FOREIGN)
-def test_a_model_that_pybullet_is_not_given_is_simulated_by_the_engine_that_is_named(here, capsys, what):
+def test_a_model_that_pybullet_is_not_given_is_simulated_by_the_engine_that_is_named(here, what):
     model, joints = FOREIGN[what]
     dataset(*joints)
     Path("arm.xml").write_text(model)
-    said = refused(capsys, "pair", "d", "--model", "arm.xml", "--engine", "bullet")
+    said = refused("pair", "d", "--model", "arm.xml", "--engine", "bullet")
     assert said.endswith(f"arm.xml has {what}, which PyBullet is not given; use --engine mujoco."), said
     assert main(["pair", "d", "--model", "arm.xml", "--engine", "mujoco", "--out", "done"]) == 0
 

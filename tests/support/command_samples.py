@@ -38,6 +38,13 @@ def nas(*arguments: object) -> Answer:
     return Answer(code, out.getvalue(), err.getvalue())
 
 
+def refused(*arguments: object) -> str:
+    """Run the program on what it must refuse, and return what it says."""
+    answer = nas(*arguments)
+    assert answer.code == 2, answer
+    return answer.err.strip()
+
+
 def done(*arguments: object) -> Answer:
     """Run the program, which must succeed."""
     answer = nas(*arguments)
