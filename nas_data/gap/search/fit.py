@@ -228,11 +228,15 @@ def broyden_update(jacobian: np.ndarray, change: np.ndarray, moved: np.ndarray) 
 
 
 def build_normal_equations(task: FitTask, predicted: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return Hessian JᵀWJ, shape (size, size), and gradient JᵀWe, shape (size,), of the weighted errors."""
+    """Return Hessian JᵀWJ, shape (size, size), and gradient JᵀWe, shape (size,), of the weighted errors.
+
+    Uncertain initial states are eliminated: a change of θ also changes the most likely ones.
+    """
     weights = task.weights(predicted) * task.evidence.mask[..., None]
-    rows = (jacobian * weights).reshape(len(jacobian), -1)
-    errors = (task.evidence.errors(predicted) * weights).ravel()
-    return rows @ rows.T, rows @ errors
+    (errors, starts), (columns, start_columns) = task.errors(predicted), task.absorb_change(jacobian)
+    size = len(jacobian)
+    rows = np.concatenate([(columns * weights).reshape(size, -1), start_columns.reshape(size, -1)], axis=1)
+    return rows @ rows.T, rows @ np.concatenate([(errors * weights).ravel(), starts.ravel()])
 
 
 def take_step(

@@ -13,10 +13,10 @@ from nas_data.gap.integrator import find_whole_step
 from nas_data.gap.nominal import Nominal, find_fine_timestep, with_timestep
 from nas_data.gap.nominal_parameters import scale_base_parameters
 from nas_data.gap.search.constants import CORRELATION, ERROR_SHARE, GAIN_SHARE, MAX_ROUNDS, PRICE
+from nas_data.gap.search.initial_states import StartResponse, measure_prior, solve_initial_states
 from nas_data.gap.search.parameters import FreeParameters
 
 MULTIPLES = (4, 2)  # multiples of the model's timestep for rollouts of a search, tried in this order
-MAX_START_CHANGE = 3.0  # standard deviations by which an initial position or velocity may change
 
 OBJECTIVES = count()
 
@@ -80,6 +80,7 @@ class FitTask:
         tolerated_error: Part of the tolerance beyond the noise floor [rad; m], shape (n,).
         moved_by_base: Joints that bounded base parameters move, by parameter, if known.
         moved_by_joint: Joints that effects and freed parameters move, by their joint, if known.
+        start_response: Response to the initial states; None if all are certain, or none was measured.
         objective: Number of the objective; episodes and tolerance define another one.
     """
 
@@ -92,13 +93,15 @@ class FitTask:
     fine: bool = True
     moved_by_base: MovedJoints = field(default_factory=dict, compare=False)
     moved_by_joint: MovedJoints = field(default_factory=dict, compare=False)
+    start_response: StartResponse | None = field(default=None, compare=False)
     objective: int = field(default_factory=lambda: next(OBJECTIVES), compare=False)
 
     def select(self, episodes: Sequence[int] | np.ndarray) -> "FitTask":
         """Return the task with some of its episodes."""
         correction = self.correction if isinstance(self.correction, float) else self.correction[list(episodes)]
-        chosen = self.evidence.select(episodes)
-        return replace(self, evidence=chosen, correction=correction).with_new_objective()
+        response = self.start_response and self.start_response.select(episodes)
+        part = replace(self, evidence=self.evidence.select(episodes), correction=correction, start_response=response)
+        return part.with_new_objective()
 
     def with_tolerance_of(self, other: "FitTask") -> "FitTask":
         """Return the task with tolerance and objective of another, so that their misfits can be added."""
@@ -136,7 +139,7 @@ class FitTask:
         predicted = task.predict(parameters, theta)
         if predicted is None:
             return task
-        return replace(task, tolerated_error=ERROR_SHARE * np.sqrt(task.evidence.mean_squares(predicted).mean(0)))
+        return replace(task, tolerated_error=ERROR_SHARE * np.sqrt(task.mean_squares(predicted).mean(0)))
 
     def reestimate(self, parameters: FreeParameters, theta: np.ndarray) -> "FitTask":
         """Return the task with initial states and timestep correction estimated anew, as a new objective."""
@@ -156,27 +159,24 @@ class FitTask:
 
         Each episode that begins in motion takes Gauss-Newton steps of its initial state x on ½ Σ w² e² + ½ Σ ((x − x̂)
         / σ)². A step is kept if it lowers misfit plus prior; there are more while this gains as much as the price of an
-        effect.
+        effect. The response to the initial states is kept, with which other hypotheses have their own.
         """
-        estimated = self.evidence.with_start_changes(0.0)
-        moving = np.flatnonzero((estimated.start_deviations > 0).any(axis=1))
-        if not len(moving):
-            return replace(self, evidence=estimated)
-        task = replace(self, evidence=estimated).select(moving)
+        task = replace(self, evidence=self.evidence.with_start_changes(0.0), start_response=None)
+        if not task.evidence.begins_in_motion:
+            return task
+        given = task
         try:
             for _ in range(MAX_ROUNDS):
-                moved, gained = task.step_initial_states(effects, factors)
-                task = replace(task, evidence=moved)
+                task, gained = task.step_initial_states(effects, factors)
                 if gained < PRICE:
                     break
         except ModelFileError:
-            return replace(self, evidence=estimated)
-        changes = estimated.start_changes
-        changes[moving] = task.evidence.start_changes
-        return replace(self, evidence=estimated.with_start_changes(changes))
+            return given
+        return task
 
-    def step_initial_states(self, effects: Sequence[Effect], factors: dict[str, float]) -> tuple[EpisodeBatch, float]:
-        """Return the episodes after one step of their initial states, and what it gained [nats]."""
+    def step_initial_states(self, effects: Sequence[Effect], factors: dict[str, float]) -> tuple["FitTask", float]:
+        """Return the task after one step of the initial states, with their response, and what it gained [nats]."""
+        alone = replace(self, start_response=None)
         part = self.evidence
         deviations, before = part.start_deviations, part.start_changes
         predicted = self.roll_out(part, effects, factors)
@@ -186,14 +186,17 @@ class FitTask:
             shift[:, column] = np.maximum(deviations[:, column], 1e-6)
             change = self.roll_out(part.with_start_changes(before + shift), effects, factors) - predicted
             jacobian[column] = change / shift[:, column][:, None, None] * part.mask[..., None]
-        weights = self.weights(predicted)
+        weights = alone.weights(predicted)
         errors = part.errors(predicted) - np.einsum("cetn,ec->etn", jacobian, before)  # at the estimates
         after = solve_initial_states(errors * weights, jacobian * weights, deviations)
         reached = self.roll_out(part.with_start_changes(after), effects, factors)
-        gains = (self.misfits(predicted) - self.misfits(reached)).sum(1)
+        gains = (alone.misfits(predicted) - alone.misfits(reached)).sum(1)
         gains += measure_prior(before, deviations) - measure_prior(after, deviations)
-        kept = part.with_start_changes(np.where(gains[:, None] > 0, after, before))
-        return kept, float(np.maximum(gains, 0.0).sum())
+        changes = np.where(gains[:, None] > 0, after, before)
+        weights = alone.weights(np.where((gains > 0)[:, None, None], reached, predicted))
+        response = StartResponse(jacobian, weights, changes, deviations)
+        moved = replace(self, evidence=part.with_start_changes(changes), start_response=response)
+        return moved, float(np.maximum(gains, 0.0).sum())
 
     def correct_timestep(self, effects: Sequence[Effect], factors: dict[str, float]) -> "FitTask":
         """Return the task with a timestep correction at a hypothesis, and a longer timestep if errors are large.
@@ -282,12 +285,40 @@ class FitTask:
         This is the likelihood of errors whose variance differs by episode and joint. Large errors of one episode or
         joint therefore do not dominate.
         """
-        return np.inf if predicted is None else float(self.misfits(predicted).sum())
+        if predicted is None:
+            return np.inf
+        _, deviations = self.errors(predicted)
+        return float(self.misfits(predicted).sum() + 0.5 * (deviations**2).sum())
 
     def misfits(self, predicted: np.ndarray) -> np.ndarray:
-        """Return the misfit of each episode and joint [nats], shape (E, n)."""
-        squares = self.evidence.mean_squares(predicted)
-        return np.asarray(0.5 * self.observations * np.log(self.tolerance + squares))
+        """Return the misfit of each episode and joint, without the prior of initial states [nats], shape (E, n)."""
+        return np.asarray(0.5 * self.observations * np.log(self.tolerance + self.mean_squares(predicted)))
+
+    def errors(self, predicted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return errors from the most likely initial states, to first order; see `StartResponse.absorb`.
+
+        Args:
+            predicted: Positions from the task's initial states [rad; m], shape (E, T, n).
+
+        Returns:
+            Errors [rad; m], shape (E, T, n), and initial states over their standard deviations, shape (E, c).
+        """
+        errors = self.evidence.errors(predicted)
+        if self.start_response is None:
+            return errors, np.zeros((len(errors), 0))
+        return self.start_response.absorb(errors)
+
+    def absorb_change(self, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what a change of the positions, shape (…, E, T, n), changes in both results of `errors`."""
+        change = change * self.evidence.mask[..., None]
+        if self.start_response is None:
+            return change, np.zeros((*change.shape[:-2], 0))
+        return self.start_response.absorb_change(change)
+
+    def mean_squares(self, predicted: np.ndarray) -> np.ndarray:
+        """Return the mean squared error of each episode and joint [rad²; m²], shape (E, n); see `errors`."""
+        errors, _ = self.errors(predicted)
+        return np.asarray((errors**2).sum(1) / self.evidence.mask.sum(1)[:, None])
 
     def weights(self, predicted: np.ndarray) -> np.ndarray:
         """Return the weight of each error in the equivalent least squares, shape (E, 1, n).
@@ -295,29 +326,6 @@ class FitTask:
         Args:
             predicted: Positions [rad; m], shape (E, T, n).
         """
-        squares = self.evidence.mean_squares(predicted)
+        squares = self.mean_squares(predicted)
         share = self.evidence.period / CORRELATION
         return np.asarray(np.sqrt(share / (self.tolerance + squares)))[:, None]
-
-
-def solve_initial_states(errors: np.ndarray, jacobian: np.ndarray, deviations: np.ndarray) -> np.ndarray:
-    """Return the changes of c initial coordinates that minimise weighted errors and prior, shape (E, c).
-
-    Args:
-        errors: Weighted errors, shape (E, T, n).
-        jacobian: Weighted derivatives of the positions by the coordinates, shape (c, E, T, n).
-        deviations: Standard deviations of the coordinates, shape (E, c); 0 if certain.
-    """
-    change = np.zeros(deviations.shape)
-    for episode, deviation in enumerate(deviations):
-        free = np.flatnonzero(deviation > 0)
-        if len(free):
-            rows = jacobian[free, episode].reshape(len(free), -1) * deviation[free][:, None]
-            scaled = np.linalg.solve(rows @ rows.T + np.eye(len(free)), -rows @ errors[episode].ravel())
-            change[episode, free] = deviation[free] * np.clip(scaled, -MAX_START_CHANGE, MAX_START_CHANGE)
-    return change
-
-
-def measure_prior(changes: np.ndarray, deviations: np.ndarray) -> np.ndarray:
-    """Return ½ Σ (change / σ)² of initial states, shape (E,), from shapes (E, c); certain coordinates do not count."""
-    return np.asarray(0.5 * ((changes / np.where(deviations > 0, deviations, np.inf)) ** 2).sum(1))

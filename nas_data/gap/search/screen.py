@@ -190,8 +190,9 @@ def estimate_first_order(
         change: Its change of the positions [rad; m], shape (E, T, n).
     """
     counts = task.evidence.mask[..., None]
-    errors = task.evidence.errors(state.predicted)
-    guess = errors
+    errors, starts = task.errors(state.predicted)
+    (columns, start_columns) = task.absorb_change(np.concatenate([change[None], state.jacobian]))
+    guess, start_columns = errors, start_columns.reshape(len(columns), -1)
     low, high = state.parameters.bounds()
     low, high = np.maximum(low - state.theta, -MAX_STEP), np.minimum(high - state.theta, MAX_STEP)
     prior = state.parameters.prior_weights(state.theta)
@@ -201,15 +202,17 @@ def estimate_first_order(
     for _ in range(3):
         squares = (guess**2).sum(1) / task.evidence.mask.sum(1)[:, None]
         weights = np.sqrt(task.evidence.period / CORRELATION / (task.tolerance + squares))[:, None] * counts
-        rows = np.concatenate([(change * weights)[None], state.jacobian * weights]).reshape(len(shift) + 1, -1)
+        rows = np.concatenate([(columns * weights).reshape(len(columns), -1), start_columns], axis=1)
         hessian = rows @ rows.T + np.diag([1e-9, *prior**2])
-        gradient = rows @ (errors * weights).ravel() + np.array([0.0, *(prior**2 * state.theta)])
+        gradient = rows @ np.concatenate([(errors * weights).ravel(), starts.ravel()])
+        gradient += np.array([0.0, *(prior**2 * state.theta)])
         solved = solve_bounded(hessian, gradient, 0.0, np.array([shortest, *low]), np.array([longest, *high]))
         stretch, shift = float(solved[0]), solved[1:]
-        guess = (errors + stretch * change + np.tensordot(shift, state.jacobian, 1)) * counts
+        guess = errors + np.tensordot(solved, columns, 1)
     squares = (guess**2).sum(1) / task.evidence.mask.sum(1)[:, None]
     misfit = float((0.5 * task.observations * np.log(task.tolerance + squares)).sum())
     misfit += float(0.5 * ((prior * (state.theta + shift)) ** 2).sum())
+    misfit += float(0.5 * ((starts.ravel() + solved @ start_columns) ** 2).sum())
     return Candidate(
         stretch_effect(effect, stretch, vanishing_value), Score(misfit, task.objective), state.theta + shift
     )

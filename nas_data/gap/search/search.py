@@ -120,7 +120,7 @@ class Search:
         if predicted is None:
             lost = np.full((len(held.evidence), len(held.floor)), np.inf)
             return Hypothesis(fitted, found, lost, np.inf)
-        return Hypothesis(fitted, found, held.evidence.mean_squares(predicted), held.misfit(predicted))
+        return Hypothesis(fitted, found, held.mean_squares(predicted), held.misfit(predicted))
 
     def fit_description(
         self,
