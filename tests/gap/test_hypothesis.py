@@ -11,6 +11,7 @@ from support.search_samples import arm, described, played, tasks
 from nas_data import registry
 from nas_data.effects.base import parse
 from nas_data.gap.search.constants import PRICE
+from nas_data.gap.search.final import compute_conditioning
 from nas_data.gap.search.fit import (
     NEGLECTED_SHARE,
     Fit,
@@ -192,3 +193,11 @@ def test_a_joint_that_stood_still_tells_no_cause(task: FitTask):
     commands[..., 2] = 0.3
     other = replace(task, evidence=replace(task.evidence, measured=still, commands=commands))
     assert excited_joints(other) == {"j1"}
+
+
+def test_what_the_data_do_not_determine_has_a_condition_number_that_a_report_can_hold(task: FitTask):
+    known = at_start(task, described(*VISCOUS[:2]))
+    assert compute_conditioning(task, known) < 1e6
+    silent = replace(known, jacobian=np.zeros_like(known.jacobian), parameters=described(VISCOUS[0]).parameters(()))
+    silent = replace(silent, theta=silent.theta[:1], jacobian=silent.jacobian[:1])
+    assert 1e12 < compute_conditioning(task, silent) < np.inf

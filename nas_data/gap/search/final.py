@@ -140,11 +140,12 @@ def find_at_bound(found: Fit) -> frozenset[str]:
 
 
 def compute_conditioning(task: FitTask, found: Fit) -> float:
-    """Return the condition number of the normal equations with prior, scaled to a unit diagonal."""
+    """Return the condition number of the normal equations with prior, scaled to a unit diagonal; at most 1/ε."""
     hessian, _ = build_normal_equations(task, found.predicted, found.jacobian)
     hessian = hessian + np.diag(found.parameters.prior_weights(found.theta) ** 2)
     scale = 1 / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
-    return float(np.linalg.cond(hessian * scale[:, None] * scale[None])) if len(hessian) else 1.0
+    number = float(np.linalg.cond(hessian * scale[:, None] * scale[None])) if len(hessian) else 1.0
+    return min(number, 1 / float(np.finfo(float).eps))  # larger numbers are rounding, and JSON has no infinity
 
 
 def compute_intervals(task: FitTask, found: Fit) -> tuple[Mapping[str, tuple[float, float]], ...]:
