@@ -202,17 +202,6 @@ class Search:
         found = fit(self.task, parameters, h.fit.theta, known, steps=5, jacobian_refreshes=1)
         return self.update_objective(h.description, found or h.fit)
 
-    def fit_with_own_start(self, h: Hypothesis) -> Hypothesis:
-        """Fit and score a hypothesis with its own initial states, at the present tolerance.
-
-        Initial velocities were moved towards the kept hypothesis, which puts others at a disadvantage.
-        """
-        parameters, theta = h.fit.parameters, h.fit.theta
-        sub = self.task.reestimate(parameters, theta).with_tolerance_of(self.task)
-        found = fit(sub, parameters, theta, reuse_jacobian(h.fit, parameters), steps=3, jacobian_refreshes=0) or h.fit
-        held = self.held.reestimate(found.parameters, found.theta).with_tolerance_of(self.task)
-        return self.evaluate(h.description, found, held)
-
     def update_objective(self, description: Description, found: Fit) -> Hypothesis:
         """Choose the physics steps with the lower loss for a fit, and score all kept hypotheses again."""
         task, found = choose_timestep(self.task, found)
@@ -235,11 +224,6 @@ class Search:
         self._cache.clear()
         self.known_changes.clear()
         self.nominal, self.null = self.rescore(self.nominal), self.rescore(self.null)
-
-    @property
-    def begins_in_motion(self) -> bool:
-        """Whether an episode begins in motion."""
-        return self.task.evidence.begins_in_motion
 
     @property
     def current_round(self) -> Round:

@@ -35,8 +35,7 @@ def drop_one(search: Search, h: Hypothesis) -> Hypothesis:
     """Drop the effect or freed parameter without which the score is lowest, if it falls.
 
     Short fits compare the parts. If the score falls without several parts, dropping them together is tried. If it falls
-    without none, the best is fitted to convergence first. If episodes begin in motion, it is also fitted with its own
-    initial velocities.
+    without none, the best is fitted to convergence first.
     """
     search.say(f"  dropping one of {count_of(len(list_parts(h)), 'part')}, if its likelihood gain is below its penalty")
     losses = estimate_losses(search, h)
@@ -54,10 +53,7 @@ def drop_one(search: Search, h: Hypothesis) -> Hypothesis:
             return together
     if not spare and best.description != Description():  # the model alone has converged already
         best = search.fit_further(best)
-    if best.score < h.score:
-        return best
-    near = best.score.over(h.score) < FAR_BEHIND and search.begins_in_motion
-    return search.relinearise(best) if near and search.fit_with_own_start(best).score < h.score else h
+    return best if best.score < h.score else h
 
 
 def drop_several(search: Search, h: Hypothesis) -> Hypothesis:
