@@ -65,7 +65,6 @@ class Hideable:
     cable_angle: np.ndarray
     cable_side: np.ndarray
     # eccentric gear: amplitude [rad] by which the joint leads its servo; `eccentric_count` periods per turn
-
     eccentric: np.ndarray
     eccentric_count: np.ndarray
     eccentric_phase: np.ndarray
