@@ -144,7 +144,9 @@ def test_a_bending_link_sags_beyond_the_encoder(plant):
     """In the plane of the joint: stiffness · bend = weight torque of what is beyond, and the servo bears all of it."""
     arm, stiffness, pose = plain_arm(1), 0.1, np.array([0.3])
     heading = find_heading(arm)
-    q = float(rest(arm, Hidden("bending_link", "j1", {"stiffness": stiffness, "heading": heading}), pose, plant)[0])
+    q = float(
+        rest(arm, Hidden("bending_link", None, {"link": 0, "stiffness": stiffness, "heading": heading}), pose, plant)[0]
+    )
     torque = GRAVITY * MASS * LENGTH / 2
     bend = next_bend(q, stiffness, (1 - ROOT) * torque)
     held = -torque * (ROOT * np.cos(q) + (1 - ROOT) * np.cos(q + bend))  # weight turns a joint about y to +q
@@ -164,7 +166,7 @@ def find_heading(arm: NominalArm) -> float:
     """Return the heading [rad] at which the first link bends about its joint's axis."""
     constants = Constants.of(arm.model())
     headings = np.linspace(0, 2 * np.pi, 721)
-    body = [hide(constants, truth_of(1, Hidden("bending_link", "j1", {"stiffness": 1.0, "heading": float(one)})))
+    body = [hide(constants, truth_of(1, Hidden("bending_link", None, {"link": 0, "stiffness": 1.0, "heading": float(one)})))
             for one in headings]  # fmt: skip
     return float(headings[np.argmax([one.axes[1] @ constants.axes[0] for one in body])])
 
@@ -173,7 +175,10 @@ def test_a_link_that_hardly_bends_is_rigid():
     arm, (commands, poses) = plain_arm(3), steps(1, 0.4, hold=20)
     truths = [
         truth_of(3),
-        *(truth_of(3, Hidden("bending_link", "j2", {"stiffness": size, "heading": 0.3})) for size in (2.0, 0.1)),
+        *(
+            truth_of(3, Hidden("bending_link", None, {"link": 1, "stiffness": size, "heading": 0.3}))
+            for size in (2.0, 0.1)
+        ),
     ]
     plain, stiff, soft = find_plant("numpy")(arm, truths, commands[..., :3], poses[:, :3], PERIOD)
     errors = [np.abs(one - plain)[..., :3].max() for one in (stiff, soft)]
@@ -182,7 +187,7 @@ def test_a_link_that_hardly_bends_is_rigid():
 
 def test_a_bending_link_keeps_mass_and_measures_the_driven_joints():
     constants = Constants.of(plain_arm(3).model())
-    body = hide(constants, truth_of(3, Hidden("bending_link", "j2", {"stiffness": 0.5, "heading": 0.1})))
+    body = hide(constants, truth_of(3, Hidden("bending_link", None, {"link": 1, "stiffness": 0.5, "heading": 0.1})))
     assert body.driven == (0, 1, 3) and body.masses.sum() == pytest.approx(3 * MASS)
     assert body.gain[2] == 0.5 and body.servo_damping[2] == BEND_LOSS * 0.5
     np.testing.assert_allclose(body.inertias.sum(axis=0), constants.inertias.sum(axis=0))

@@ -113,9 +113,10 @@ def draw_coupling(rng: Rng, constants: Constants, joint: int, faint: bool) -> Va
 
 
 def draw_bending_link(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
-    """Draw a link that bends by 1.7° to 17° under the weight of the stretched arm beyond the joint."""
-    droop, heading = Span(0.03, 0.3, 0.003).draw(rng, faint), rng.uniform(0, 2 * np.pi)
-    return {"stiffness": compute_weight_torque(constants, joint) / droop, "heading": float(heading)}
+    """Draw a link, by its row, that bends by 3° to 23° under the weight of the stretched arm beyond its joint."""
+    link, droop = int(rng.integers(len(constants.joints))), Span(0.05, 0.4, 0.005).draw(rng, faint)
+    stiffness = compute_weight_torque(constants, link) / droop
+    return {"link": float(link), "stiffness": stiffness, "heading": float(rng.uniform(0, 2 * np.pi))}
 
 
 def draw_eccentric_gear(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
@@ -125,8 +126,8 @@ def draw_eccentric_gear(rng: Rng, constants: Constants, joint: int, faint: bool)
 
 
 def draw_supply_sag(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
-    """Draw a source resistance at which the largest torques of all joints weaken them to 5/6 … 1/3."""
-    return {"resistance": Span(0.2, 2.0, 0.01).draw(rng, faint) / float(read_torque_limits(constants).sum())}
+    """Draw a source resistance at which the largest torques of all joints weaken them to 20/21 … 5/9."""
+    return {"resistance": Span(0.05, 0.8, 0.005).draw(rng, faint) / float(read_torque_limits(constants).sum())}
 
 
 def compute_weight_torque(constants: Constants, joint: int) -> float:
@@ -179,7 +180,7 @@ OUTSIDE: Mapping[str, EffectDraw] = {
     "swinging_load": EffectDraw(draw_swinging_load, per_joint=False, whole_arm=True),
     "heat": EffectDraw(draw_heat),
     "coupling": EffectDraw(draw_coupling, before=1),
-    "bending_link": EffectDraw(draw_bending_link),
+    "bending_link": EffectDraw(draw_bending_link, per_joint=False, whole_arm=True),
     "eccentric_gear": EffectDraw(draw_eccentric_gear),
     "supply_sag": EffectDraw(draw_supply_sag, per_joint=False, whole_arm=True),
 }

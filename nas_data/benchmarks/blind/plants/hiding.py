@@ -160,9 +160,9 @@ def add_heat(body: PlantBody, joint: Joints, values: Values) -> None:
     body.heat_rise[joint], body.heat_time[joint] = values["rise"], values["time"]
 
 
-def bend_link(body: PlantBody, joint: Joints, values: Values) -> None:
-    """Let the joint's link bend."""
-    body.bend(joint.start, values["stiffness"], values["heading"])
+def bend_link(body: PlantBody, _: Joints, values: Values) -> None:
+    """Let a link bend, which all joints up to its own feel."""
+    body.bend(int(values["link"]), values["stiffness"], values["heading"])
 
 
 def hang_load(body: PlantBody, _: Joints, values: Values) -> None:
