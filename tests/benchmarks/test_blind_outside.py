@@ -166,9 +166,11 @@ def find_heading(arm: NominalArm) -> float:
     """Return the heading [rad] at which the first link bends about its joint's axis."""
     constants = Constants.of(arm.model())
     headings = np.linspace(0, 2 * np.pi, 721)
-    body = [hide(constants, truth_of(1, Hidden("bending_link", None, {"link": 0, "stiffness": 1.0, "heading": float(one)})))
-            for one in headings]  # fmt: skip
-    return float(headings[np.argmax([one.axes[1] @ constants.axes[0] for one in body])])
+    along = []
+    for heading in headings.tolist():
+        hidden = Hidden("bending_link", None, {"link": 0, "stiffness": 1.0, "heading": heading})
+        along.append(hide(constants, truth_of(1, hidden)).axes[1] @ constants.axes[0])
+    return float(headings[np.argmax(along)])
 
 
 def test_a_link_that_hardly_bends_is_rigid():
