@@ -168,7 +168,7 @@ EVERY = "every"  # family in which one effect is hidden in every joint
 
 
 @dataclass(frozen=True)
-class Family:
+class CaseFamily:
     """Number of effects that are hidden in a case."""
 
     inside: int  # of the contract's table
@@ -176,8 +176,8 @@ class Family:
 
 
 FAMILIES = {
-    "none": Family(0), "one": Family(1), "two": Family(2), "three": Family(3), EVERY: Family(1),
-    "outside": Family(0, 1), "outside_one": Family(1, 1), "outside_two": Family(2, 1),
+    "none": CaseFamily(0), "one": CaseFamily(1), "two": CaseFamily(2), "three": CaseFamily(3), EVERY: CaseFamily(1),
+    "outside": CaseFamily(0, 1), "outside_one": CaseFamily(1, 1), "outside_two": CaseFamily(2, 1),
 }  # fmt: skip
 ALIKE = 1e-6  # gravity torque of an axis that counts as unloaded, relative to the torque limit
 DEFAULT = "xl320"  # setting that case names leave out
