@@ -16,7 +16,7 @@ from nas_data.benchmarks.blind.plants.base import find_plant, make_chain, stack_
 from nas_data.benchmarks.blind.plants.constants import Constants
 from nas_data.benchmarks.blind.plants.hiding import BEND_LOSS, ROOT, hide
 from nas_data.benchmarks.blind.plants.motion import REFRESH, Drive, PlantState
-from nas_data.benchmarks.blind.record import CaseRecord, GradedCase
+from nas_data.benchmarks.blind.record import CaseFailure, CaseRecord, GradedCase
 from nas_data.benchmarks.blind.settings.base import find_setting
 from nas_data.benchmarks.blind.tables import make_tables, print_tables
 from nas_data.errors import OptionError
@@ -309,5 +309,8 @@ def test_the_table_of_causes_counts_each_and_all():
     assert total["wrong_names"] == 2 and total["highest"] == 0.4 and total["confident_wrong"] == 0
     assert total["called_complete"] == pytest.approx(2 / 3) and total["names"] == {"torque_limit": 2}
     assert total["covered"] == 1.0
+    broken = replace(records[0], outcome=CaseFailure("no idea"))
+    total = make_tables([*records, broken])["outside"][0]
+    assert total["cases"] == 4 and total["found"] == 0.5, "a failed case finds nothing"
     assert not tables["power"], "beside another cause, a size does not say whether an effect is found"
     assert "torque_limit 2" in print_tables(tables)

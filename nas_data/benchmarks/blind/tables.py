@@ -92,27 +92,29 @@ def summarise_causes(records: Sequence[CaseRecord]) -> list[Row]:
     """Summarise the families with a cause outside the catalogue: all cases of each, then those of each cause."""
     rows: list[Row] = []
     for family in dict.fromkeys(record.identity.family for record in records):
-        grades = [case.grade for case in list_graded([one for one in records if one.identity.family == family])]
-        groups: dict[str, list[CaseGrade]] = {}
-        for grade in grades if FAMILIES[family].outside else ():
-            cause = next(effect for effect, _ in grade.true if effect in OUTSIDE)
-            for name in (ALL, cause):
-                groups.setdefault(name, []).append(grade)
-        rows += [summarise_cause(family, name, groups[name]) for name in sorted(groups, key=lambda name: name != ALL)]
+        if not FAMILIES[family].outside:
+            continue
+        cases = [record for record in records if record.identity.family == family]
+        grades = [case.grade for case in list_graded(cases)]
+        rows.append(summarise_cause(family, ALL, grades, len(cases) - len(grades)))
+        causes = [next(effect for effect, _ in grade.true if effect in OUTSIDE) for grade in grades]
+        for cause in sorted(set(causes)):
+            own = [grade for grade, name in zip(grades, causes, strict=True) if name == cause]
+            rows.append(summarise_cause(family, cause, own))
     return rows
 
 
-def summarise_cause(family: str, cause: str, grades: Sequence[CaseGrade]) -> Row:
-    """Summarise what was named beside a cause outside the catalogue, in finished cases of a family."""
+def summarise_cause(family: str, cause: str, grades: Sequence[CaseGrade], failed: int = 0) -> Row:
+    """Summarise what was named beside a cause outside the catalogue; in failed cases nothing was found."""
     wrong = [0.0 if one is None else one for grade in grades for one in grade.wrong_confidences]
+    shares = compute_shares(grades, ("found", "confident_wrong", "called_complete"), failed)
     return {
         "family": family,
         "cause": cause,
-        "cases": len(grades),
-        "found": compute_share(grade.found if FAMILIES[family].inside else None for grade in grades),
+        "cases": len(grades) + failed,
+        **(shares if FAMILIES[family].inside else shares | {"found": None}),
         "wrong_names": len(wrong),
         "highest": max(wrong, default=None),
-        **compute_shares(grades, ("confident_wrong", "called_complete")),
         "covered": compute_share(entry.covered for grade in grades for entry in grade.parameters),
         "names": Counter(effect for grade in grades for effect, _ in grade.extra),
     }
