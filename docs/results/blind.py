@@ -21,10 +21,12 @@ FAMILIES = {
     "none": "nothing hidden",
     "outside": "outside the catalogue",
 }
+BESIDE = {"outside_one": "one effect, one cause outside", "outside_two": "two effects, one cause outside"}
 KEPT = (
     "case", "arm", "excitation", "true", "marks", "named", "confidences", "parameters", "verdict", "exact",
-    "confident_wrong", "unexplained_joint_named", "seconds", "fresh",
+    "confident_wrong", "unexplained_joint_named", "called_complete", "missing", "seconds", "fresh",
 )  # fmt: skip
+ADDED = {"called_complete": pa.bool_(), "missing": pa.list_(pa.list_(pa.string()))}
 SURE = 0.8  # a wrong name with at least this confidence counts as confidently wrong
 TABLE = "blind.parquet"
 Case = Mapping[str, object]
@@ -80,7 +82,7 @@ class Blind:
     def failures(self, seeds: Sequence[int], setting: str) -> str:
         """Return the table of cases inside the catalogue that are not right."""
         cases = [case for seed in seeds for case in self._of(seed, setting)]
-        wrong = [case for case in cases if not case["exact"] and find_family(case) != "outside"]
+        wrong = [case for case in cases if not case["exact"] and find_family(case) not in ("outside", *BESIDE)]
         return markdown_table(["case", "hidden (size)", "named (confidence)"], map(tell_failure, wrong))
 
     def runs(self, setting: str, seeds: Sequence[int]) -> str:
@@ -97,6 +99,15 @@ class Blind:
             rows.append([str(seed), commit, *cells, sure, off, held_of])
         heads = ["seed", "commit", *FAMILIES.values(), "wrong with confidence ≥ 0.8"]
         return markdown_table([*heads, "error of parameters, median", "intervals with the true value"], rows)
+
+    def beside(self, seeds: Sequence[int], setting: str) -> str:
+        """Return the table of the cases that hide a cause outside the catalogue, alone or beside effects."""
+        rows = []
+        for family, label in {"outside": FAMILIES["outside"], **BESIDE}.items():
+            cases = [case for seed in seeds for case in self._of(seed, setting, family)]
+            rows += [tell_beside(label, family, cases)] if cases else []
+        heads = ["hidden", "cases", "found", "wrong names", "wrong with confidence ≥ 0.8", "called complete"]
+        return markdown_table([*heads, "intervals with the true value"], rows)
 
     def methods(self, seed: int, setting: str) -> str:
         """Return the table of the other methods on the cases that they were given, `nas gap` beside them."""
@@ -147,6 +158,19 @@ def tell_family(family: str, cases: Sequence[Case]) -> list[str]:
     return [*counts, tell_median(list_rests(right)), tell_median(least), time]
 
 
+def tell_beside(label: str, family: str, cases: Sequence[Case]) -> list[str]:
+    """Return a row of the table of causes outside the catalogue."""
+    said = [one for case in cases for one in case["confidences"]]
+    wrong = [one["confidence"] for one in said if not one["right"]]
+    held = [bool(entry["covered"]) for case in cases for entry in case["parameters"] if entry["covered"] is not None]
+    found = str(sum(not case["missing"] for case in cases)) if family in BESIDE else ""
+    highest = f"{len(wrong)} (highest confidence {max(wrong):.2f})" if wrong else "0"
+    called = [case["called_complete"] for case in cases if case.get("called_complete") is not None]
+    complete = f"{sum(called)} of {len(called)}" if called else ""
+    sure = str(sum(map(is_sure_and_wrong, cases)))
+    return [label, str(len(cases)), found, highest, sure, complete, f"{sum(held)} of {len(held)}" if held else ""]
+
+
 def tell_method(family: str, name: str, answers: Sequence[Case]) -> list[str]:
     """Return a row of the table of methods; rests are those of all cases, right or not."""
     right, sure = sum(bool(one["exact"]) for one in answers), sum(bool(one["confident_wrong"]) for one in answers)
@@ -192,7 +216,10 @@ def add_cases(folders: Iterable[Path], seed: int, setting: str, commit: str) -> 
             case["baselines"] = [{"method": name, **one} for name, one in (record.get("baselines") or {}).items()]
             added[record["case"]] = case
     kept = [case for case in table.to_pylist() if case["case"] not in added]
-    new = pa.Table.from_pylist([*kept, *added.values()], schema=table.schema)
+    schema = table.schema
+    for name, kind in ADDED.items():  # tables of earlier versions lack these columns
+        schema = schema if name in schema.names else schema.append(pa.field(name, kind))
+    new = pa.Table.from_pylist([*kept, *added.values()], schema=schema)
     pq.write_table(new, HERE / TABLE, compression="zstd")
 
 

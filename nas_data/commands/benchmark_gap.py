@@ -18,8 +18,8 @@ class BenchmarkGap(Command):
     """
 
     families: str = "one,two,three,none,outside"
-    """Hidden effects: one, two or three, none, every (one effect in every joint), or outside (not in the catalogue);
-    separated by commas."""
+    """Hidden effects: one, two or three, none, every (one effect in every joint), outside (a cause that is not in the
+    catalogue), or outside_one, outside_two (such a cause beside one or two of the catalogue); separated by commas."""
     plants: str = "numpy,bullet"
     """Simulators that stand in for the robot: numpy, bullet, or mujoco for comparison; separated by commas."""
     cases: int = 40

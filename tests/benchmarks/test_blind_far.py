@@ -57,7 +57,7 @@ def test_with_its_answer_a_plant_moves_as_the_arm_with_the_true_servos(plant):
 def test_families_hide_their_effects_beside_the_gains(family):
     case = draw_case(family, "numpy", 0, 3, setting="far")
     hidden, joints = case.truth.hidden, case.arm.joints
-    assert len(hidden) == len(joints) + FAMILIES[family]
+    assert len(hidden) == len(joints) + FAMILIES[family].inside
     assert [effect.joint for effect in hidden if effect.effect == "servo_stiffness"] == list(joints)
     assert all(FAR.least <= mark <= FAR.most for mark in case.marks[len(joints) :])
     assert min(case.marks) > FAR.least  # the far gains can be seen, too

@@ -24,14 +24,14 @@ from nas_data.dataset.verify import verify
 from nas_data.errors import UnknownName
 from nas_data.typed_json import as_object
 
-# of `fingerprint`, computed before there were settings
+# of `fingerprint`, computed before there were settings; that of `outside` when it had eight causes
 BEFORE = [
     pytest.param(("none", "numpy", 0, 11), "ed6a2e6bfa971089", marks=pytest.mark.slow),
     (("none", "mujoco", 2, 11), "d6a7f43edfc1f7da"),  # what is hidden there is ours, and may become more exact
     pytest.param(("one", "numpy", 1, 11), "5ce12b0927f20eb7", marks=pytest.mark.slow),
     pytest.param(("two", "numpy", 2, 11), "2922a59b9ea72931", marks=pytest.mark.slow),
     pytest.param(("three", "numpy", 0, 11), "3bfcaa65c35fd586", marks=pytest.mark.slow),
-    pytest.param(("outside", "numpy", 3, 11), "0698bd6e65eb2201", marks=pytest.mark.slow),
+    pytest.param(("outside", "numpy", 3, 11), "888ecd7e4f1fe27c", marks=pytest.mark.slow),
     pytest.param(("one", "bullet", 0, 11), "7140c84926ada8b3", marks=[pytest.mark.bullet, pytest.mark.slow]),
 ]
 

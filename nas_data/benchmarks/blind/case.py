@@ -135,6 +135,8 @@ class HiddenEntry:
     marked_joint: str  # joint at which the mark was measured
     # other names that no recording could distinguish from it; None if there are none
     equals: tuple[Name, ...] | None = field(default=None, metadata={"optional": True})
+    # joints on which it acts by at least `FELT`; None for an effect of the contract's table
+    felt_joints: tuple[str, ...] | None = field(default=None, metadata={"optional": True})
 
     @property
     def name(self) -> Name:
@@ -161,9 +163,22 @@ class SealedAnswer:
     base: Base  # factors on the model's own parameters
 
 
+FELT = 3.0  # multiples of the noise floor from which an effect is felt at a joint
 EVERY = "every"  # family in which one effect is hidden in every joint
-# number of effects of the contract's table that are hidden in a case of each family
-FAMILIES = {"none": 0, "one": 1, "two": 2, "three": 3, "outside": 1, EVERY: 1}
+
+
+@dataclass(frozen=True)
+class CaseFamily:
+    """Number of effects that are hidden in a case."""
+
+    inside: int  # of the contract's table
+    outside: int = 0  # not in the table
+
+
+FAMILIES = {
+    "none": CaseFamily(0), "one": CaseFamily(1), "two": CaseFamily(2), "three": CaseFamily(3), EVERY: CaseFamily(1),
+    "outside": CaseFamily(0, 1), "outside_one": CaseFamily(1, 1), "outside_two": CaseFamily(2, 1),
+}  # fmt: skip
 ALIKE = 1e-6  # gravity torque of an axis that counts as unloaded, relative to the torque limit
 DEFAULT = "xl320"  # setting that case names leave out
 
@@ -230,6 +245,7 @@ class Case:
     truth: Truth  # hidden effects and base errors of the plant
     marks: tuple[float, ...]  # RMS change of the positions by each hidden effect, as a multiple of the noise floor
     marked_joints: tuple[str, ...]  # joint at which each mark was measured
+    felt_joints: tuple[tuple[str, ...] | None, ...]  # joints on which each acts; None for an effect of the table
     recorded: Episodes  # episodes that are handed over
     fresh: Episodes  # episodes that are never handed over
 
@@ -237,8 +253,16 @@ class Case:
         """Return the sealed answer."""
         constants = Constants.of(self.arm.model())
         effects = tuple(
-            HiddenEntry(**vars(hidden), mark=mark, marked_joint=joint, equals=find_equivalents(constants, hidden))
-            for hidden, mark, joint in zip(self.truth.hidden, self.marks, self.marked_joints, strict=True)
+            HiddenEntry(
+                **vars(hidden),
+                mark=mark,
+                marked_joint=joint,
+                equals=find_equivalents(constants, hidden),
+                felt_joints=felt,
+            )
+            for hidden, mark, joint, felt in zip(
+                self.truth.hidden, self.marks, self.marked_joints, self.felt_joints, strict=True
+            )
         )
         return SealedAnswer(
             case=self.identity.name,

@@ -33,6 +33,7 @@ class EffectDraw:
     draw: Draw  # returns its parameters for a joint (by index); the last argument: whether faint effects are wanted
     per_joint: bool = True  # whether it can act in one joint
     whole_arm: bool = False  # whether it can act on the whole arm
+    before: int = 0  # number of joints before its own on which it acts, too; it needs as many
     apart: str = ""  # effects with the same non-empty group never share a joint, because no data distinguish them
 
 
@@ -101,6 +102,41 @@ def draw_swinging_load(rng: Rng, constants: Constants, joint: int, faint: bool) 
     }
 
 
+def draw_heat(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+    """Draw how far a lasting largest torque weakens the servo, to 1/2 … 1/9, and a time constant of 3 to 30 s."""
+    return {"rise": Span(1.0, 8.0, 0.1).draw(rng, faint), "time": Span(3.0, 30.0, 3.0).draw(rng, False)}
+
+
+def draw_coupling(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+    """Draw the share of the motion of the joint before, in either direction, by which a joint moves."""
+    return {"ratio": float(rng.choice([-1, 1])) * Span(0.02, 0.3, 0.001).draw(rng, faint)}
+
+
+def draw_bending_link(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+    """Draw a link, by its row, that bends by 3° to 23° under the weight of the stretched arm beyond its joint."""
+    link, droop = int(rng.integers(len(constants.joints))), Span(0.05, 0.4, 0.005).draw(rng, faint)
+    stiffness = compute_weight_torque(constants, link) / droop
+    return {"link": float(link), "stiffness": stiffness, "heading": float(rng.uniform(0, 2 * np.pi))}
+
+
+def draw_eccentric_gear(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+    """Draw an error of 0.6° to 6° with one to three periods per turn."""
+    amplitude, count = Span(0.01, 0.1, 0.001).draw(rng, faint), float(rng.integers(1, 4))
+    return {"amplitude": amplitude, "count": count, "phase": float(rng.uniform(0, 2 * np.pi))}
+
+
+def draw_supply_sag(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+    """Draw a source resistance at which the largest torques of all joints weaken them to 20/21 … 5/9."""
+    return {"resistance": Span(0.05, 0.8, 0.005).draw(rng, faint) / float(read_torque_limits(constants).sum())}
+
+
+def compute_weight_torque(constants: Constants, joint: int) -> float:
+    """Return the torque [N m] of the stretched arm's weight about a joint."""
+    steps = np.linalg.norm(constants.offsets[joint + 1 :], axis=1)
+    reach = np.concatenate([[0.0], np.cumsum(steps)]) + np.linalg.norm(constants.centres[joint:], axis=1)
+    return float(np.linalg.norm(constants.gravity) * (constants.masses[joint:] @ reach))
+
+
 def read_torque_limits(constants: Constants) -> np.ndarray:
     """Return the servos' largest torques [N m], shape (n,)."""
     return constants.force[:, 1]
@@ -142,4 +178,9 @@ OUTSIDE: Mapping[str, EffectDraw] = {
     "cogging": EffectDraw(draw_cogging),
     "cable": EffectDraw(draw_cable),
     "swinging_load": EffectDraw(draw_swinging_load, per_joint=False, whole_arm=True),
+    "heat": EffectDraw(draw_heat),
+    "coupling": EffectDraw(draw_coupling, before=1),
+    "bending_link": EffectDraw(draw_bending_link, per_joint=False, whole_arm=True),
+    "eccentric_gear": EffectDraw(draw_eccentric_gear),
+    "supply_sag": EffectDraw(draw_supply_sag, per_joint=False, whole_arm=True),
 }

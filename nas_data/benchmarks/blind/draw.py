@@ -12,6 +12,7 @@ from nas_data.benchmarks.blind.case import (
     DEFAULT,
     EVERY,
     FAMILIES,
+    FELT,
     Base,
     Case,
     CommandSequence,
@@ -49,6 +50,7 @@ class EffectSizes:
     # joint of each value: the effect's own, or the one with the largest change for effects of the whole arm
     joints: tuple[str, ...]
     states: np.ndarray  # simulation with all effects, positions [rad] then velocities [rad/s], shape (E, T + 1, 2n)
+    changes: np.ndarray  # RMS change of each joint by each effect, as a multiple of the noise floor, shape (effects, n)
 
 
 class EffectSampler:
@@ -66,16 +68,19 @@ class EffectSampler:
         self.conditions = conditions
         self.given = setting.given(identity, arm)
         self.constants = Constants.of(arm.model())
-        self.screen = SCREEN if identity.family == "outside" else setting.screen
+        self.family = FAMILIES[identity.family]
+        self.screen = SCREEN if self.family.outside else setting.screen
         for hidden in self.given:  # sizes refer to the arm's true servos, not to those of its model
             if hidden.effect == "servo_stiffness" and hidden.joint is not None:
                 self.constants.gain[arm.joints.index(hidden.joint)] *= hidden.parameters["factor"]
-        self.kinds = setting.outside if identity.family == "outside" else setting.inside
-        if identity.family == EVERY:
-            self.kinds = {name: kind for name, kind in self.kinds.items() if name in EVERYWHERE}
-        if not self.kinds:
+        self.kinds = {**setting.inside, **setting.outside}
+        inside = [name for name in setting.inside if identity.family != EVERY or name in EVERYWHERE]
+        outside = [name for name, kind in setting.outside.items() if kind.before < len(arm.joints)]
+        # names that each hidden effect is drawn from
+        self.pools = [sorted(inside)] * self.family.inside + [sorted(outside)] * self.family.outside
+        if not all(self.pools):
             raise OptionError(
-                f"The setting {identity.setting} has no effects for the family 'every'; choose another family."
+                f"The setting {identity.setting} has no effects for the family '{identity.family}'; choose another one."
             )
         self.rng = identity.stream("effects")
         self.least = FAINTEST_MARK if identity.faint else setting.least
@@ -87,8 +92,8 @@ class EffectSampler:
             SimulationDiverged: no draw is visible.
         """
         base, groups = self._draw_base(), list[Group]()
-        while len(groups) < FAMILIES[self.identity.family]:
-            groups.append(self._draw_other(flatten(groups)))
+        for pool in self.pools:
+            groups.append(self._draw_other(flatten(groups), pool))
         tries = [1] * len(groups)
         for _ in range(self.setting.rounds):
             truth = Truth(base, (*self.given, *flatten(groups)))
@@ -134,17 +139,17 @@ class EffectSampler:
         """Return an effect in another size, or another effect in its place."""
         if same:
             return self._draw_size(groups[row][0].effect, [hidden.joint for hidden in groups[row]])
-        return self._draw_other(flatten([*groups[:row], *groups[row + 1 :]]))
+        return self._draw_other(flatten([*groups[:row], *groups[row + 1 :]]), self.pools[row])
 
-    def _draw_other(self, beside: Sequence[Hidden]) -> Group:
-        """Draw an effect, its joint and its size, distinguishable from those in `beside`."""
+    def _draw_other(self, beside: Sequence[Hidden], pool: Sequence[str]) -> Group:
+        """Draw an effect from some names, its joint and its size, distinguishable from those in `beside`."""
         while True:
-            effect = str(self.rng.choice(sorted(self.kinds)))
+            effect = str(self.rng.choice(pool))
             kind = self.kinds[effect]
             if self.identity.family == EVERY:
                 return self._draw_size(effect, self.constants.joints)
             arm_wide = kind.whole_arm and (not kind.per_joint or self.rng.random() < 0.5)
-            joint = None if arm_wide else str(self.rng.choice(self.constants.joints))
+            joint = None if arm_wide else str(self.rng.choice(self.constants.joints[kind.before :]))
             if not any(self._is_confusable(effect, joint, other) for other in beside):
                 return self._draw_size(effect, [joint])
 
@@ -192,13 +197,29 @@ def measure_marks(show: Show, truth: Truth, joints: Sequence[str], floor: float)
     positions = played[..., : len(joints)]
     changes = [np.sqrt(np.square(positions[0] - without).mean(axis=(0, 1))) / floor for without in positions[1:]]
     seen = [find_mark(change, joints, hidden.joint) for change, hidden in zip(changes, truth.hidden, strict=True)]
-    return EffectSizes(tuple(value for value, _ in seen), tuple(joint for _, joint in seen), played[0])
+    return EffectSizes(
+        tuple(value for value, _ in seen), tuple(joint for _, joint in seen), played[0], np.array(changes)
+    )
 
 
 def find_mark(change: np.ndarray, joints: Sequence[str], joint: str | None) -> tuple[float, str]:
     """Return the mark of an effect and its joint, from the change in each joint."""
     row = int(np.argmax(change)) if joint is None else joints.index(joint)
     return float(change[row]), joints[row]
+
+
+def find_felt_joints(change: np.ndarray, joints: Sequence[str], hidden: Hidden, before: int) -> tuple[str, ...]:
+    """Return the joints, of those on which an effect acts, at which it is felt.
+
+    Args:
+        change: RMS change of each joint, as a multiple of the noise floor, shape (n,).
+        joints: Names of the arm's joints.
+        hidden: The effect.
+        before: Number of joints before its own on which it acts.
+    """
+    row = None if hidden.joint is None else joints.index(hidden.joint)
+    acted = range(len(joints)) if row is None else range(row - before, row + 1)
+    return tuple(joints[one] for one in acted if change[one] >= FELT)
 
 
 def find_unfit_marks(marks: Sequence[float], least: float, most: float) -> list[int]:
@@ -211,7 +232,7 @@ def draw_case(family: str, plant: str, number: int, seed: int, faint: bool = Fal
 
     Args:
         family: `none`, `one`, `two`, `three` (hidden effects of the contract's table), `every` (one effect in every
-            joint) or `outside` of the table.
+            joint), `outside` of the table, or `outside_one`, `outside_two` (one outside beside one or two of it).
         plant: `numpy`, `bullet` or `mujoco`.
         number: Number of the case in its family.
         seed: Master seed.
@@ -238,6 +259,12 @@ def draw_case(family: str, plant: str, number: int, seed: int, faint: bool = Fal
         truth=truth,
         marks=marks.values,
         marked_joints=marks.joints,
+        felt_joints=tuple(
+            find_felt_joints(change, arm.joints, hidden, sort.outside[hidden.effect].before)
+            if hidden.effect in sort.outside
+            else None
+            for change, hidden in zip(marks.changes, truth.hidden, strict=True)
+        ),
         recorded=simulate_measurements(tape, marks.states, conditions.sensor, streams),
         fresh=simulate_measurements(later, hider.show(plant, [truth], later)[0], conditions.sensor, streams),
     )

@@ -69,12 +69,20 @@ class UnexplainedEntry:
 
 
 @dataclass(frozen=True)
+class JointEntry:
+    """Description of a joint in a report."""
+
+    complete: float | None = None
+
+
+@dataclass(frozen=True)
 class ReportEntries:
     """The graded entries of a report."""
 
     effects: tuple[EffectEntry, ...]
     verdict: str | None = None
     unexplained: tuple[UnexplainedEntry, ...] | None = None
+    joints: Mapping[str, JointEntry] | None = None
 
     @classmethod
     def of(cls, report: Mapping[str, object]) -> "ReportEntries":
@@ -94,7 +102,7 @@ def read_number(value: float | None, missing: float = math.nan) -> float:
     return missing if value is None else value
 
 
-CONFIDENT = 0.8  # wrong names of at least this confidence count as the worst outcome
+CONFIDENT = 0.8  # wrong names of at least this confidence count as the worst outcome; so do complete joints
 ABOVE_FLOOR = frozenset({"unexplained", "partly_explained"})
 PLACE = frozenset("xyz")  # position of a payload; if none is reported, it is at the link's centre of mass
 RIGHT_VERDICTS = {
@@ -116,6 +124,11 @@ class NamesGrade:
     abstained: bool  # whether nothing is named although something is hidden
     confident_wrong: bool  # whether a wrong name has a high confidence
     confident_wrong_without_the_true_one_beside: bool  # the same, and no missing name is among its alternatives
+
+    @property
+    def found(self) -> bool:
+        """Whether all hidden effects are named, whatever else is named beside them."""
+        return not self.missing
 
 
 @dataclass(frozen=True)
@@ -152,6 +165,13 @@ class CaseGrade(NamesGrade):
     parameters: tuple[ParameterGrade, ...]  # parameters of the effects that are named rightly
     # whether the report marks the joint of an effect outside the catalogue as unexplained; None without such an effect
     unexplained_joint_named: bool | None
+    # whether the report calls a joint on which it acts complete with a high confidence; None without such an effect
+    called_complete: bool | None = None
+
+    @property
+    def wrong_confidences(self) -> tuple[float | None, ...]:
+        """Confidence of each wrong name."""
+        return tuple(entry.confidence for entry in self.confidences if not entry.right)
 
 
 def grade_names(answer: SealedAnswer, report: Mapping[str, object]) -> CaseGrade:
@@ -182,7 +202,14 @@ def grade_names(answer: SealedAnswer, report: Mapping[str, object]) -> CaseGrade
         ),
         parameters=tuple(compute_parameter_errors([as_the_model_sees(entry, answer) for entry in inside], all_meant)),
         unexplained_joint_named=any(entry.marked_joint in unexplained for entry in beyond) if beyond else None,
+        called_complete=is_called_complete(beyond, entries.joints or {}) if beyond else None,
     )
+
+
+def is_called_complete(beyond: Sequence[HiddenEntry], joints: Mapping[str, JointEntry]) -> bool:
+    """Whether any joint on which an effect outside the catalogue acts is reported as complete with high confidence."""
+    acted = {joint for entry in beyond for joint in entry.felt_joints or (entry.marked_joint,)}
+    return any(read_number(joints[joint].complete) >= CONFIDENT for joint in acted & set(joints))
 
 
 def translate(hidden: Sequence[HiddenEntry], joints: Sequence[str], finding: ReportedEffect) -> list[ReportedEffect]:

@@ -11,6 +11,7 @@ from typing import TypeVar
 
 from nas_data.benchmarks.blind.baselines.base import find_baseline
 from nas_data.benchmarks.blind.case import Identity, SealedAnswer
+from nas_data.benchmarks.blind.catalogue import OUTSIDE
 from nas_data.benchmarks.blind.draw import SCREEN, draw_case
 from nas_data.benchmarks.blind.fresh import Fresh, FreshErrors, compute_oracle_error
 from nas_data.benchmarks.blind.grade import compare_names, grade_names
@@ -137,7 +138,7 @@ def run_baseline(name: str, folder: Path, answer: SealedAnswer, fresh: Fresh) ->
     began = time.monotonic()
     claim = find_baseline(name)(folder / DATASET, folder / NOMINAL)
     seconds = time.monotonic() - began
-    true = tuple(entry.name for entry in answer.effects) if answer.family != "outside" else ()
+    true = tuple(entry.name for entry in answer.effects if entry.effect not in OUTSIDE)
     return GradedAnswer(
         grade=compare_names(true, claim.findings),
         true=true,

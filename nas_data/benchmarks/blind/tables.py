@@ -6,6 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from nas_data.benchmarks.blind.case import FAMILIES
+from nas_data.benchmarks.blind.catalogue import OUTSIDE
 from nas_data.benchmarks.blind.grade import CaseGrade, ConfidenceGrade, NamesGrade
 from nas_data.benchmarks.blind.record import FAILED, CaseFailure, CaseRecord, GradedAnswer, GradedCase
 from nas_data.text_table import align_columns
@@ -13,9 +15,20 @@ from nas_data.text_table import align_columns
 CONFIDENCES = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
 MARKS = (0.3, 1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0)
 NOTHING = "nothing"
-PERCENT = ("exact", "confident_wrong", "abstained", "verdict_right", "covered", "unexplained_joint_named")
+PERCENT = (
+    "exact",
+    "confident_wrong",
+    "abstained",
+    "verdict_right",
+    "covered",
+    "unexplained_joint_named",
+    "found",
+    "called_complete",
+)
+ALL = "all"  # in the place of a cause: cases of all causes
 TITLES = {
     "families": "Families (before, rest: median error on fresh episodes / noise floor; least: with the true effects)",
+    "outside": "A cause outside the catalogue (found: all effects of the catalogue; complete: its joint is called so)",
     "confusions": "Names in cases with one hidden effect, or none",
     "reliability": "Calibration of the confidence",
     "power": "Effects found, by size of their influence [noise floors]",
@@ -25,7 +38,7 @@ SHORT = {
     "confident_wrong": "conf. wrong", "verdict_right": "verdict ok", "rest_over_floor": "rest",
     "least_over_floor": "least",
     "before_over_floor": "before", "parameter_error": "param. error", "unexplained_joint_named": "joint of rest",
-    "seconds": "s",
+    "called_complete": "complete", "wrong_names": "wrong names", "highest": "highest conf.", "seconds": "s",
 }  # fmt: skip
 
 Cell = str | int | float | Mapping[str, int] | None
@@ -40,6 +53,7 @@ def make_tables(records: Sequence[CaseRecord]) -> dict[str, list[Row]]:
         groups.setdefault((record.identity.family, record.identity.plant), []).append(record)
     return {
         "families": [summarise_family(*group, members) for group, members in groups.items()],
+        "outside": summarise_causes(records),
         "confusions": count_confusions(grades),
         "reliability": compute_reliability([entry for grade in grades for entry in grade.confidences]),
         "power": compute_power(records),
@@ -71,6 +85,38 @@ def summarise_family(family: str, plant: str, records: Sequence[CaseRecord]) -> 
         "covered": compute_share(entry.covered for entry in parameters),
         "unexplained_joint_named": compute_share(grade.unexplained_joint_named for grade in grades),
         "seconds": median(case.seconds for case in done),
+    }
+
+
+def summarise_causes(records: Sequence[CaseRecord]) -> list[Row]:
+    """Summarise the families with a cause outside the catalogue: all cases of each, then those of each cause."""
+    rows: list[Row] = []
+    for family in dict.fromkeys(record.identity.family for record in records):
+        if not FAMILIES[family].outside:
+            continue
+        cases = [record for record in records if record.identity.family == family]
+        grades = [case.grade for case in list_graded(cases)]
+        rows.append(summarise_cause(family, ALL, grades, len(cases) - len(grades)))
+        causes = [next(effect for effect, _ in grade.true if effect in OUTSIDE) for grade in grades]
+        for cause in sorted(set(causes)):
+            own = [grade for grade, name in zip(grades, causes, strict=True) if name == cause]
+            rows.append(summarise_cause(family, cause, own))
+    return rows
+
+
+def summarise_cause(family: str, cause: str, grades: Sequence[CaseGrade], failed: int = 0) -> Row:
+    """Summarise what was named beside a cause outside the catalogue; in failed cases nothing was found."""
+    wrong = [0.0 if one is None else one for grade in grades for one in grade.wrong_confidences]
+    shares = compute_shares(grades, ("found", "confident_wrong", "called_complete"), failed)
+    return {
+        "family": family,
+        "cause": cause,
+        "cases": len(grades) + failed,
+        **(shares if FAMILIES[family].inside else shares | {"found": None}),
+        "wrong_names": len(wrong),
+        "highest": max(wrong, default=None),
+        "covered": compute_share(entry.covered for grade in grades for entry in grade.parameters),
+        "names": Counter(effect for grade in grades for effect, _ in grade.extra),
     }
 
 
@@ -120,7 +166,7 @@ def compute_reliability(findings: Sequence[ConfidenceGrade]) -> list[Row]:
 
 def compute_power(records: Sequence[CaseRecord]) -> list[Row]:
     """Return how often single effects were found, by mark in noise floors."""
-    catalogued = list_graded([record for record in records if record.identity.family != "outside"])
+    catalogued = list_graded([record for record in records if not FAMILIES[record.identity.family].outside])
     single = [case.grade for case in catalogued if len(case.grade.true) == 1]
     rows: list[Row] = []
     for low, high in pairwise((*MARKS, np.inf)):

@@ -93,7 +93,7 @@ def find_plant(name: str) -> Play:
 
 
 def make_simulation(open_physics: OpenPhysics) -> Simulate:
-    """Return a simulation of drives and links that batches arms with equally many links."""
+    """Return a simulation of drives and links that batches arms with the same rows of links."""
 
     def simulate(
         arm: NominalArm,
@@ -106,8 +106,8 @@ def make_simulation(open_physics: OpenPhysics) -> Simulate:
         constants = Constants.of(arm.model())
         bodies = [hide(constants, truth) for truth in truths]
         result = np.empty((len(truths), len(commands), commands.shape[1] + 1, starts.shape[1]))
-        for links in sorted({len(body.masses) for body in bodies}):
-            rows = [row for row, body in enumerate(bodies) if len(body.masses) == links]
+        for kind in sorted({(len(body.masses), body.driven) for body in bodies}):
+            rows = [row for row, body in enumerate(bodies) if (len(body.masses), body.driven) == kind]
             alike = [bodies[row] for row in rows]
             result[rows] = simulate_batch(open_physics, alike, commands, starts, period, feedback)
         return result
@@ -123,7 +123,7 @@ def simulate_batch(
     period: float,
     feedback: Feedback | None,
 ) -> np.ndarray:
-    """Return states (C, E, T + 1, 2n) of C arms with equally many links, commands (E, T, n), initial states (E, 2n)."""
+    """Return states (C, E, T + 1, 2n) of C arms with the same rows, commands (E, T, n), initial states (E, 2n)."""
     episodes, steps, n = commands.shape
     numbers = stack_arms(bodies, episodes)
     # C arms times E episodes, the episodes of an arm in adjacent rows
@@ -131,29 +131,27 @@ def simulate_batch(
     tiled = np.tile(pad_commands(bodies[0], commands), (len(bodies), 1, 1))
     state = PlantState(Drive.of(numbers), tiled, period, first)
     measured = np.empty((len(first), steps + 1, 2 * n))
-    measured[:, 0] = state.measure(n)
+    rows = list(bodies[0].driven)
+    measured[:, 0] = state.measure(rows)
     with open_physics(bodies, numbers, state) as move:
         for step in range(steps):
             if feedback is not None:
                 state.set_commands(step, pad_commands(bodies[0], feedback(step, measured[:, step])[:, None])[:, 0])
             for _ in range(round(period / REFRESH)):
                 move()
-            measured[:, step + 1] = state.measure(n)
+            measured[:, step + 1] = state.measure(rows)
     return measured.reshape(len(bodies), episodes, steps + 1, 2 * n)
 
 
 def compute_start_states(body: PlantBody, starts: np.ndarray) -> np.ndarray:
-    """Return the links' initial angles, then speeds (E, 2n); a swinging load hangs straight down."""
-    if len(body.masses) == body.driven:
-        return starts
-    poses, speeds = np.split(starts, 2, axis=1)
-    still = np.zeros((len(poses), 1))
-    whole = np.concatenate([poses, still], axis=1)
-    rotations = make_chain(stack_arms([body], len(poses))).frames(whole)[0][:, -1]
-    rod = rotations @ body.centres[-1]
-    across = cross(rotations @ body.axes[-1], rod)
-    whole[:, -1] = np.arctan2(across @ body.gravity, rod @ body.gravity)
-    return np.concatenate([whole, speeds, still], axis=1)
+    """Return the links' initial angles, then speeds (E, 2n); a swinging load hangs down, a bending link is straight."""
+    poses, speeds = (pad_commands(body, part[:, None])[:, 0] for part in np.split(starts, 2, axis=1))
+    if body.driven[-1] < len(body.masses) - 1 and not body.gain[-1]:
+        rotations = make_chain(stack_arms([body], len(poses))).frames(poses)[0][:, -1]
+        rod = rotations @ body.centres[-1]
+        across = cross(rotations @ body.axes[-1], rod)
+        poses[:, -1] = np.arctan2(across @ body.gravity, rod @ body.gravity)
+    return np.concatenate([poses, speeds], axis=1)
 
 
 def make_chain(numbers: dict[str, np.ndarray]) -> Chain:
@@ -163,5 +161,6 @@ def make_chain(numbers: dict[str, np.ndarray]) -> Chain:
 
 def pad_commands(body: PlantBody, commands: np.ndarray) -> np.ndarray:
     """Return commands (E, T, n) with zeros for undriven links."""
-    undriven = len(body.masses) - body.driven
-    return np.concatenate([commands, np.zeros((*commands.shape[:2], undriven))], axis=2)
+    padded = np.zeros((*commands.shape[:2], len(body.masses)))
+    padded[..., list(body.driven)] = commands
+    return padded

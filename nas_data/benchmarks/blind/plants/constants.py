@@ -64,6 +64,14 @@ class Hideable:
     cable: np.ndarray
     cable_angle: np.ndarray
     cable_side: np.ndarray
+    # eccentric gear: amplitude [rad] by which the joint leads its servo; `eccentric_count` periods per turn
+    eccentric: np.ndarray
+    eccentric_count: np.ndarray
+    eccentric_phase: np.ndarray
+    coupling: np.ndarray  # angle by which the joint turns, relative to its servo, per angle of the joint before it
+    heat_rise: np.ndarray  # warmth that a lasting largest torque ends at; a warmth of 1 halves the torque
+    heat_time: np.ndarray  # time constant of the warmth [s]
+    sag: np.ndarray  # relative loss of supply voltage per torque of the other joints [1/(N m)]
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""How each effect of the contract's table changes an arm's constants."""
+"""How each hidden effect, of the contract's table or outside of it, changes an arm's constants."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
@@ -14,6 +14,8 @@ NEUTRAL = {
     "viscous": 0.0, "stribeck": 0.0, "kinetic_ratio": 1.0, "stribeck_velocity": 1.0, "load_ratio": 0.0,
     "delay": 0.0, "speed": np.inf, "offset": 0.0, "deadband": 0.0, "play": 0.0, "spring": np.inf,
     "cogs": 0.0, "cog_count": 1.0, "cog_phase": 0.0, "cable": 0.0, "cable_angle": 0.0, "cable_side": 1.0,
+    "eccentric": 0.0, "eccentric_count": 1.0, "eccentric_phase": 0.0, "coupling": 0.0,
+    "heat_rise": 0.0, "heat_time": 1.0, "sag": 0.0,
 }  # fmt: skip
 FLANK, HARDER = 500.0, 190.0  # [N m/rad] 0.2 N m sink into a gear's flank by 0.02 degrees; least multiple of the gain
 PENDULUM = {
@@ -22,6 +24,8 @@ PENDULUM = {
     "control": (-np.inf, np.inf),
     "flank": FLANK,
 }
+ROOT = 0.1  # share of a bending link's mass before the bend: the servo's horn
+BEND_LOSS = 2e-3  # [s] damping over stiffness of a bending link: one of 10 Hz is damped to 6 % of critical
 
 Values = Mapping[str, float]
 Joints = slice  # the joint of an effect, or all joints
@@ -31,7 +35,7 @@ Joints = slice  # the joint of an effect, or all joints
 class PlantBody(Hideable, Servos, Links):
     """Constants of one arm with its hidden effects."""
 
-    driven: int  # number of joints with a servo; a swinging load adds an undriven one
+    driven: tuple[int, ...]  # rows of the joints with a servo; a swinging load or a bending link adds an undriven one
 
     @classmethod
     def of(cls, constants: Constants, base: Base) -> "PlantBody":
@@ -39,7 +43,9 @@ class PlantBody(Hideable, Servos, Links):
         n = len(constants.joints)
         nominal = {key: np.array(value) for key, value in vars(constants).items() if key != "joints"}
         flank = np.maximum(FLANK, HARDER * constants.gain)  # a larger servo has larger teeth
-        body = cls(**nominal, **{key: np.full(n, value) for key, value in NEUTRAL.items()}, flank=flank, driven=n)
+        body = cls(
+            **nominal, **{key: np.full(n, value) for key, value in NEUTRAL.items()}, flank=flank, driven=tuple(range(n))
+        )
         mass, damping = np.array(base.mass), np.array(base.damping)
         body.masses *= mass
         body.inertias *= mass[:, None, None]
@@ -55,15 +61,44 @@ class PlantBody(Hideable, Servos, Links):
         The heading [rad] is the direction of the pin, as an angle about the last joint's axis.
         """
         axis = self.axes[-1]
-        across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-        pin = make_rotation(axis, heading) @ (across / np.linalg.norm(across))
+        pin = point_across(axis, heading)
         rod = np.cross(pin, axis)  # perpendicular to the pin, so that the weight swings about it
         link = {"offsets": self.centres[-1], "turns": np.eye(3), "axes": pin, "masses": mass, "centres": length * rod}
         size = 1e-4 * mass * np.eye(3) * length**2 + 1e-8 * np.eye(3)
+        self._insert(len(self.masses), link | {"inertias": size} | PENDULUM)
+
+    def bend(self, row: int, stiffness: float, heading: float) -> None:
+        """Let a link bend elastically at its root, beyond the joint's encoder: an undriven joint after the driven one.
+
+        Args:
+            row: Row of the link.
+            stiffness: Torque per bend [N m/rad].
+            heading: Direction of the bend's axis [rad], as an angle about the line to the link's centre of mass.
+        """
+        centre = self.centres[row]
+        spring = {"gain": stiffness, "servo_damping": BEND_LOSS * stiffness, "force": (-np.inf, np.inf)}
+        link = {"offsets": np.zeros(3), "turns": np.eye(3), "axes": point_across(centre, heading), "centres": centre}
+        for key in ("masses", "inertias"):
+            values = getattr(self, key)
+            link[key] = (1 - ROOT) * values[row]
+            values[row] *= ROOT
+        self._insert(row + 1, link | PENDULUM | {"damping": 0.0} | spring)
+
+    def _insert(self, row: int, link: Mapping[str, object]) -> None:
+        """Insert an undriven link; constants that are not given are zero or neutral."""
         rest = dict.fromkeys(("sliding", "armature", "friction", "gain", "motor", "servo_damping"), 0.0)
-        for key, value in (link | {"inertias": size} | rest | NEUTRAL | PENDULUM).items():
+        for key, value in (rest | NEUTRAL | dict(link)).items():
             rows = getattr(self, key)
-            setattr(self, key, np.concatenate([rows, np.asarray(value, rows.dtype)[None]]))
+            one = np.asarray(value, rows.dtype)[None]
+            setattr(self, key, np.concatenate([rows[:row], one, rows[row:]]))
+        self.driven = tuple(old + (old >= row) for old in self.driven)
+
+
+def point_across(axis: np.ndarray, heading: float) -> np.ndarray:
+    """Return the unit vector across an axis at an angle [rad] about it."""
+    axis = axis / np.linalg.norm(axis)
+    across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    return np.asarray(make_rotation(axis, heading) @ (across / np.linalg.norm(across)))
 
 
 def stack_arms(bodies: list[PlantBody], repeats: int) -> dict[str, np.ndarray]:
@@ -114,6 +149,22 @@ def add_cable(body: PlantBody, joint: Joints, values: Values) -> None:
     body.cable_side[joint] = values["side"]
 
 
+def add_eccentric_gear(body: PlantBody, joint: Joints, values: Values) -> None:
+    """Add a gear that turns off its centre."""
+    body.eccentric[joint], body.eccentric_count[joint] = values["amplitude"], values["count"]
+    body.eccentric_phase[joint] = values["phase"]
+
+
+def add_heat(body: PlantBody, joint: Joints, values: Values) -> None:
+    """Let the servo weaken as it gets warm."""
+    body.heat_rise[joint], body.heat_time[joint] = values["rise"], values["time"]
+
+
+def bend_link(body: PlantBody, _: Joints, values: Values) -> None:
+    """Let a link bend, which all joints up to its own feel."""
+    body.bend(int(values["link"]), values["stiffness"], values["heading"])
+
+
 def hang_load(body: PlantBody, _: Joints, values: Values) -> None:
     """Hang a swinging weight from the last link."""
     body.hang(values["mass"], values["length"], values["heading"])
@@ -161,7 +212,13 @@ RULES: Mapping[str, Callable[[PlantBody, Joints, Values], None]] = {
     "cogging": add_cogging,
     "cable": add_cable,
     "swinging_load": hang_load,
+    "heat": add_heat,
+    "coupling": make_set_rule("coupling", "ratio"),
+    "eccentric_gear": add_eccentric_gear,
+    "supply_sag": make_set_rule("sag", "resistance"),
+    "bending_link": bend_link,
 }
+ADDING_LINKS = frozenset({"swinging_load", "bending_link"})  # applied last: they move the rows of other joints
 
 
 def hide(constants: Constants, truth: Truth) -> PlantBody:
@@ -171,8 +228,7 @@ def hide(constants: Constants, truth: Truth) -> PlantBody:
         UnknownName: there is no rule for an effect.
     """
     body = PlantBody.of(constants, truth.base)
-    # a swinging load adds a link, so effects on all joints are applied first
-    for hidden in sorted(truth.hidden, key=lambda hidden: hidden.effect == "swinging_load"):
+    for hidden in sorted(truth.hidden, key=lambda hidden: hidden.effect in ADDING_LINKS):
         if hidden.effect not in RULES:
             raise UnknownName("hidden effect", hidden.effect, RULES)
         RULES[hidden.effect](body, select_rows(constants, hidden), hidden.parameters)

@@ -53,6 +53,45 @@ class Drive(Hideable, Servos):
         wanted = self.gain * felt - self.servo_damping * speed + self.motor * goal
         return np.asarray(np.minimum(np.maximum(wanted, self.force[..., 0]), self.force[..., 1]))
 
+    @cached_property
+    def is_geared_evenly(self) -> bool:
+        """Whether every servo turns with its own joint only, and as much."""
+        return not (self.eccentric.any() or self.coupling.any())
+
+    @cached_property
+    def is_always_strong(self) -> bool:
+        """Whether neither heat nor the supply weakens a drive."""
+        return not (self.heat_rise.any() or self.sag.any())
+
+    def gear(
+        self, angle: np.ndarray, speed: np.ndarray, q: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the servos' angles, speeds and torque ratios behind eccentric gears and belts.
+
+        servo angle = angle − A sin(count · angle + phase) − c · angle of the joint before. By virtual work, the torque
+        on the joint is the servo's times the derivative of this angle; that on the joint before is −c times it.
+
+        Args:
+            angle: Of the motors [rad], shape (B, n).
+            speed: Of the motors [rad/s], shape (B, n).
+            q: Angles of the links [rad], shape (B, n).
+            v: Speeds of the links [rad/s], shape (B, n).
+        """
+        turn = self.eccentric_count * angle + self.eccentric_phase
+        ratio = 1 - self.eccentric * self.eccentric_count * np.cos(turn)
+        moved, moving = (self.coupling * shift(values, 1) for values in (q, v))
+        return angle - self.eccentric * np.sin(turn) - moved, ratio * speed - moving, ratio
+
+    def drop(self, torque: np.ndarray) -> np.ndarray:
+        """Return the relative loss of supply voltage at each drive, shape (B, n), by the torques of the others."""
+        load = np.abs(torque)
+        return np.asarray(self.sag * (load.sum(axis=1, keepdims=True) - load))
+
+    def heating(self, torque: np.ndarray) -> np.ndarray:
+        """Return the warmth that a lasting torque [N m] ends at, shape (B, n): copper loss grows with its square."""
+        limit = np.where(self.heat_rise > 0, self.force[..., 1], 1.0)
+        return np.asarray(self.heat_rise * (torque / limit) ** 2)
+
     def passive(self, angle: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """Return damping and cogging torque on the motor [N m], shape (B, n)."""
         losses = -(self.damping + self.viscous) * speed
@@ -94,8 +133,18 @@ class Drive(Hideable, Servos):
 SUBSTEPS = round(REFRESH / STEP)
 
 
+def shift(values: np.ndarray, joints: int) -> np.ndarray:
+    """Move values (B, n) by one joint towards the tip (1) or the base (−1); zeros come in."""
+    moved = np.zeros_like(values)
+    if joints > 0:
+        moved[:, 1:] = values[:, :-1]
+    else:
+        moved[:, :-1] = values[:, 1:]
+    return moved
+
+
 class PlantState:
-    """State of B arms: angles and speeds of links and motors, the servos' goals, friction torques."""
+    """State of B arms: angles and speeds of links and motors, the servos' goals and warmth, friction torques."""
 
     def __init__(self, drive: Drive, commands: np.ndarray, period: float, starts: np.ndarray) -> None:
         """Set the initial state.
@@ -117,6 +166,7 @@ class PlantState:
         self.angle, self.speed = self.q.copy(), v.copy()
         self.goal = self.commands[:, 0].copy()
         self.stopping = np.zeros_like(q)
+        self.warmth = np.zeros_like(q)  # every episode begins with cold servos
         self.time = 0.0
         self.rigid = not drive.loose.any()
         self.prompt = not drive.delay.any()
@@ -148,9 +198,9 @@ class PlantState:
             self._step(mobility, inertia, bias)
             self.time += STEP
 
-    def measure(self, joints: int) -> np.ndarray:
-        """Return angles [rad], then speeds [rad/s] of the first links, shape (B, 2 joints)."""
-        return np.concatenate([(self.q - self.ahead * self.v)[:, :joints], self.v[:, :joints]], axis=1)
+    def measure(self, rows: list[int]) -> np.ndarray:
+        """Return angles [rad], then speeds [rad/s] of some links, shape (B, 2 rows)."""
+        return np.concatenate([(self.q - self.ahead * self.v)[:, rows], self.v[:, rows]], axis=1)
 
     def _clip_commands(self, commands: np.ndarray) -> np.ndarray:
         """Return commands (B, T, n) within their ranges."""
@@ -160,19 +210,34 @@ class PlantState:
         drive, loose = self.drive, self.drive.loose
         angle = self.q if self.rigid else np.where(loose, self.angle, self.q)
         speed = self.v if self.rigid else np.where(loose, self.speed, self.v)
-        torque = drive.torque(self._compute_goal(), angle, speed)
+        pull, goal = drive.pull(self.q), self._compute_goal()
+        if drive.is_geared_evenly:
+            torque = self._weaken(drive.torque(goal, angle, speed))
+        else:
+            *own, ratio = drive.gear(angle, speed, self.q, self.v)
+            own_torque = self._weaken(drive.torque(goal, *own))
+            torque, pull = ratio * own_torque, pull - shift(drive.coupling * own_torque, -1)
         turning = torque + drive.passive(angle, speed)
         budget = drive.budget(torque, speed)
-        on_link = turning + drive.pull(self.q) - bias
+        on_link = turning + pull - bias
         held = budget
         if not self.rigid:
             carried = drive.transmitted(angle - self.q, speed - self.v, inertia)
-            on_link = np.where(loose, carried + drive.pull(self.q) - bias, on_link)
+            on_link = np.where(loose, carried + pull - bias, on_link)
             held = np.where(loose, 0.0, budget)
             self._turn_motors(turning - carried, budget, angle, speed)
         free = self.v + STEP * (mobility @ on_link[..., None])[..., 0]
         self.v = self._apply_friction(free, STEP * mobility, held)
         self.q = self.q + STEP * self.v
+
+    def _weaken(self, torque: np.ndarray) -> np.ndarray:
+        """Return the torques (B, n) [N m] that warm servos on a sagging supply give in place of the wanted ones."""
+        drive = self.drive
+        if drive.is_always_strong:
+            return torque
+        given = torque / (1 + self.warmth + drive.drop(torque))
+        self.warmth = self.warmth + STEP / drive.heat_time * (drive.heating(torque) - self.warmth)
+        return np.asarray(given)
 
     def _turn_motors(self, torque: np.ndarray, budget: np.ndarray, angle: np.ndarray, speed: np.ndarray) -> None:
         """Advance motors that move relative to their links; friction stops them if it can."""

@@ -81,6 +81,20 @@ def draw_cable(rng: Rng, constants: Constants, joint: int, faint: bool) -> Value
     }
 
 
+def draw_coupling(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+    """Draw how far a joint moves with the one before it, relative to the ranges of both."""
+    reach = find_reach(constants.sliding)[:, 1]
+    scale = float(reach[joint] / reach[joint - 1])
+    return {"ratio": scale * float(rng.choice([-1, 1])) * Span(0.02, 0.3, 0.001).draw(rng, faint)}
+
+
+def draw_eccentric_gear(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+    """Draw a gear whose ratio changes by 2 to 20 %, one to three times per turn, or once per 6 to 20 cm."""
+    count = rng.uniform(30, 100) if constants.sliding[joint] else rng.integers(1, 4)
+    amplitude = Span(0.02, 0.2, 0.002).draw(rng, faint) / float(count)
+    return {"amplitude": amplitude, "count": float(count), "phase": float(rng.uniform(0, 2 * np.pi))}
+
+
 INSIDE: Mapping[str, EffectDraw] = {
     "coulomb_friction": EffectDraw(
         make_scaled_draw("torque", read_torque_limits, Span(0.03, 0.25, 0.0005)), apart="dry friction"
@@ -92,6 +106,13 @@ INSIDE: Mapping[str, EffectDraw] = {
     "torque_limit": EffectDraw(make_scaled_draw("torque", read_torque_limits, Span(0.3, 0.8, 0.95))),
     "payload": EffectDraw(draw_payload_mass, per_joint=False, whole_arm=True),
 }
-OUTSIDE: Mapping[str, EffectDraw] = {"cogging": EffectDraw(draw_cogging), "cable": EffectDraw(draw_cable)}
+# without heat and bending links, whose state goes on from episode to episode, and without a supply, because forces and
+# torques share no unit of current
+OUTSIDE: Mapping[str, EffectDraw] = {
+    "cogging": EffectDraw(draw_cogging),
+    "cable": EffectDraw(draw_cable),
+    "coupling": EffectDraw(draw_coupling, before=1),
+    "eccentric_gear": EffectDraw(draw_eccentric_gear),
+}
 
 SETTING = CaseSetting(draw, draw_references, INSIDE, OUTSIDE, least=4.0, most=np.inf, rounds=60)
