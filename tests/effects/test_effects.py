@@ -86,8 +86,8 @@ def test_the_smallest_effect_is_hardly_seen(name):
     finite = [p for p in kind.parameters if math.isfinite(p.neutral)]
     near = {p.name: p.neutral + 1e-5 * (TYPICAL[name, p.name] - p.neutral) for p in finite}
     near |= {p.name: 1e3 * p.high for p in kind.parameters if math.isinf(p.neutral)}
-    if name == "torque_limit":
-        near = {"torque": 0.2079}  # a limit is absolute: the model's own is the one that changes nothing
+    if name in ("torque_limit", "motor_curve"):  # a limit is absolute: the model's own is the one that changes nothing
+        near[find_effect(name).parameters[0].name] = 0.2079
     effect = make_effect(name, JOINT if kind.per_joint else None, near)
     # the engine delays by a whole timestep at least, and a play this small still adds a second joint
     close = rollout(arm(effect))
@@ -121,6 +121,15 @@ def test_joints_and_actuators_keep_their_names_and_order(name):
     assert {f"{joint}.pos" for joint in servos} <= {model.sensor(i).name for i in range(model.nsensor)}
 
 
+def load_integrals(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Let the integral parts of servos hold the weight."""
+    mujoco.mj_forward(model, data)
+    for actuator in np.flatnonzero(model.actuator_gaintype == int(mujoco.mjtGain.mjGAIN_PID)):
+        if gain := model.actuator_gainprm[actuator, 0]:
+            weight = data.qfrc_bias[model.jnt_dofadr[model.actuator_trnid[actuator, 0]]]
+            data.act[model.actuator_actadr[actuator]] = weight / gain
+
+
 def plain_mujoco(xml: str, joints: Sequence[str], commands: np.ndarray, substeps: int) -> np.ndarray:
     """Play commands as anyone would who has the file and MuJoCo alone: at rest, first command held."""
     model = mujoco.MjModel.from_xml_string(xml)
@@ -129,6 +138,7 @@ def plain_mujoco(xml: str, joints: Sequence[str], commands: np.ndarray, substeps
         samples = int(model.actuator_history[actuator, 0])
         if samples:
             mujoco.mj_initCtrlHistory(model, data, actuator, None, np.zeros((samples, 1)))
+    load_integrals(model, data)
     sensors = [model.sensor(f"{joint}.pos").adr[0] for joint in joints]
     measured = []
     for command in commands:
@@ -348,6 +358,7 @@ def test_no_effect_fails_but_with_a_sentence(name):
         reasons = {
             "servo_damping": "needs kv or dampratio",
             "speed_limit": "filters its command already",
+            "integral_gain": "filters its command already",
             "object_mass": "has none",
             "object_friction": "has none",
             "floor_contact": "needs an arm with collision shapes",
