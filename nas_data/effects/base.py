@@ -181,9 +181,8 @@ class Effect:
         """Return the value of the first parameter at which the effect vanishes at a joint of these scales."""
         return cls.parameters[0].neutral
 
-    @classmethod
-    def equivalents(cls, joint: str | None) -> tuple["Effect", ...]:
-        """Return effects, at initial guesses, that may be equivalent and are not searched for themselves."""
+    def equivalents(self, scales: Scales) -> tuple["Effect", ...]:
+        """Return effects, at initial guesses, that may be equivalent at such a joint and are not searched for there."""
         return ()
 
     def nearest_in_model(self, scales: Scales) -> "Effect | None":
