@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.simulator_samples import damped_ergojr, so101_without_floor
+from support.simulator_samples import damped_ergojr, load_integrals, so101_without_floor
 from support.typical_effects import JOINT, NAMES, OF_OBJECTS, TYPICAL, typical
 
 from nas_data.effects.base import Effect, add_effects, find_effect, from_json, make_effect, parse, read_effects
@@ -119,15 +119,6 @@ def test_joints_and_actuators_keep_their_names_and_order(name):
     servos = [model.joint(i).name for i in range(model.njnt) if model.joint(i).name in robot.joints]
     assert servos == list(robot.joints)
     assert {f"{joint}.pos" for joint in servos} <= {model.sensor(i).name for i in range(model.nsensor)}
-
-
-def load_integrals(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Let the integral parts of servos hold the weight."""
-    mujoco.mj_forward(model, data)
-    for actuator in np.flatnonzero(model.actuator_gaintype == int(mujoco.mjtGain.mjGAIN_PID)):
-        if gain := model.actuator_gainprm[actuator, 0]:
-            weight = data.qfrc_bias[model.jnt_dofadr[model.actuator_trnid[actuator, 0]]]
-            data.act[model.actuator_actadr[actuator]] = weight / gain
 
 
 def plain_mujoco(xml: str, joints: Sequence[str], commands: np.ndarray, substeps: int) -> np.ndarray:
