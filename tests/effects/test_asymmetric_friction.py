@@ -72,3 +72,10 @@ def test_at_a_position_servo_it_is_dry_friction_and_an_offset():
             places.append(data.qpos[0])
         ends.append(places)
     assert ends[0] == pytest.approx(ends[1], abs=1e-9)
+
+
+def test_an_offset_lists_it_as_an_equal_of_the_same_torque():
+    (twin,) = parse("joint_offset:joint=j,offset=-0.02").equivalents(Scales(2.0, *np.ones(5)))
+    assert (twin.name(), twin.joint, twin.difference) == ("asymmetric_friction", "j", 0.04)
+    assert twin.torque > twin.difference
+    assert not parse("joint_offset:joint=j,offset=0").equivalents(Scales(*np.ones(6)))
