@@ -31,6 +31,8 @@ class Parameter:
         neutral: Value at which the effect changes nothing.
         spread: Standard deviation of the prior around the neutral value, in the same unit; it makes the parameter
             optional. 0 for a uniform prior within the bounds.
+        scaled_by: For a parameter of either sign that is no length or angle: the parameter of the effect whose value is
+            its scale.
     """
 
     name: str
@@ -39,6 +41,7 @@ class Parameter:
     high: float
     neutral: float
     spread: float = 0.0
+    scaled_by: str = ""
 
     @property
     def units(self) -> str:
@@ -60,6 +63,7 @@ class Scales:
         speed: Large speed of the joint [rad/s].
         radian: Equivalent of one radian: 1 for a hinge, a share of the range for a slide [m].
         velocity_servo: Whether the actuator is a servo with velocity feedback only.
+        position_servo: Whether the actuator is a servo that is commanded a position.
         depth: Depth of the arm's lowest measured point below the first joint's axis [m]; 0 without collision shapes.
         commanded_depth: The same in the commanded poses; 0 where positions are not commanded.
     """
@@ -72,6 +76,7 @@ class Scales:
     speed: float
     radian: float = 1.0
     velocity_servo: bool = False
+    position_servo: bool = False
     depth: float = 0.0
     commanded_depth: float = 0.0
 
@@ -176,9 +181,8 @@ class Effect:
         """Return the value of the first parameter at which the effect vanishes at a joint of these scales."""
         return cls.parameters[0].neutral
 
-    @classmethod
-    def equivalents(cls, joint: str | None) -> tuple["Effect", ...]:
-        """Return effects, at initial guesses, that may be equivalent and are not searched for themselves."""
+    def equivalents(self, scales: Scales) -> tuple["Effect", ...]:
+        """Return effects, at initial guesses, that may be equivalent at such a joint and are not searched for there."""
         return ()
 
     def nearest_in_model(self, scales: Scales) -> "Effect | None":

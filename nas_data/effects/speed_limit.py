@@ -9,6 +9,7 @@ import mujoco
 
 from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.effects.edits.servo import (
+    POSITION_INPUT,
     compute_control_per_speed,
     find_position_servo,
     find_speed_servo,
@@ -16,8 +17,6 @@ from nas_data.effects.edits.servo import (
     take_own_unit,
 )
 from nas_data.errors import ModelFileError
-
-POSITION_INPUT = 1  # the first input of a <pid>, its position setpoint, and no other
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 
 from nas_data.effects.base import Effect, Parameter, Scales, find_joint_actuator
-from nas_data.mjcf.actuator_lookup import BAND
+from nas_data.effects.edits.servo import set_force_limit, set_joint_limit
+from nas_data.mjcf.actuator_lookup import BAND, CURVE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,12 +36,15 @@ class TorqueLimit(Effect):
         return scales.torque
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Set the force range of the actuator and, if it has one, of the joint; with a dead band only the joint's."""
+        """Set the force range of the actuator and, if it has one, of the joint.
+
+        With a dead band only the joint's is set; with a motor curve, whose limit falls with speed, only the actuator's.
+        """
         assert self.joint is not None
         actuator, joint = find_joint_actuator(spec, self.joint), spec.joint(self.joint)
-        has_band = spec.actuator(self.joint + BAND) is not None
-        if has_band or (joint.actfrclimited != mujoco.mjtLimited.mjLIMITED_FALSE and np.any(joint.actfrcrange)):
-            joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_TRUE, [-self.torque, self.torque]
+        has_band, has_curve = (spec.actuator(self.joint + part) is not None for part in (BAND, CURVE))
+        is_limited = joint.actfrclimited != mujoco.mjtLimited.mjLIMITED_FALSE and np.any(joint.actfrcrange)
+        if has_band or (is_limited and not has_curve):
+            set_joint_limit(joint, self.torque)
         if not has_band:
-            force = self.torque / abs(float(actuator.gear[0]))
-            actuator.forcelimited, actuator.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, [-force, force]
+            set_force_limit(actuator, self.torque)

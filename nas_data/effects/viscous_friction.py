@@ -28,10 +28,9 @@ class ViscousFriction(Effect):
         """Half to four times the model's damping."""
         return tuple({"coefficient": share * max(scales.damping, 1e-4)} for share in (0.5, 1.5, 4.0))
 
-    @classmethod
-    def equivalents(cls, joint: str | None) -> tuple[Effect, ...]:
+    def equivalents(self, scales: Scales) -> tuple[Effect, ...]:
         """Return more velocity feedback of the servo, which is equivalent below saturation."""
-        return (ServoDamping(joint=joint, factor=3.0),)
+        return (ServoDamping(joint=self.joint, factor=3.0),)
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add the coefficient to the joint's damping."""

@@ -169,7 +169,7 @@ def assess(search: Search, kept: Hypothesis, final: FinalFit, number: int) -> tu
     ranked = fit_rivals(search, kept, number)
     twins = [
         h
-        for twin in effect.equivalents(effect.joint)
+        for twin in (effect.equivalents(search.find_scales(effect.joint)) if effect.joint else ())
         if (h := search.fit_rival(rest.add_effects(twin), kept)) and h.is_finite
     ]
     joints = select_joints(search, effect)

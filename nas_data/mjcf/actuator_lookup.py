@@ -11,6 +11,7 @@ GOAL = "_deadband_goal"  # massless joint in the world whose position is the ser
 # passive actuators that apply the servo's torque to the joint
 GAIN, BAND, DAMPING = "_deadband_gain", "_deadband", "_deadband_damping"
 PARTS = (GAIN, BAND, DAMPING)
+CURVE = "_motor_curve"  # passive actuator and fixed tendon `<joint>_motor_curve`: their torques depend on speed
 PRESSED = "_pressed_drive"  # fixed tendon `<joint>_pressed_drive`: the joint and a pad that its servo presses
 PAD = "_pressed_pad"  # joint of that pad, in the parent body
 SHARED = "_shared_drive"  # fixed tendon `<joint>_shared_drive`: the joint and its followers, in the joint's unit

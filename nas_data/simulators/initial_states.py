@@ -6,8 +6,9 @@ from enum import IntEnum
 import mujoco
 import numpy as np
 
-from nas_data.mjcf.actuator_lookup import BAND, GAIN, GOAL
+from nas_data.mjcf.actuator_lookup import BAND, DIRECT, GAIN, GOAL
 from nas_data.simulators.controls import CONTROLLERS, read_length_feedback
+from nas_data.simulators.integrals import Integrals, compute_weight
 from nas_data.simulators.layout import Layout
 from nas_data.simulators.rest_states import has_memory, settle_actuator
 
@@ -95,6 +96,8 @@ class SettledStates:
         integrated = np.array([model.actuator_dyntype[a] == INTEGRATOR for a in layout.inputs.actuators], bool)
         self.setpoints = np.flatnonzero(integrated & (self.stiffness > 0))
         self.gain = gain
+        self.integrals = Integrals.of(model, layout)
+        self.drag = find_constant_drag(model, layout)
         self.rest = np.divide(constant + own, self.stiffness * self.gear, out=np.zeros_like(own), where=self.holding)
 
     def __call__(
@@ -124,17 +127,17 @@ class SettledStates:
         followers = self.layout.followers
         if followers is not None:
             followers.place(data.qpos[None], data.qvel[None], from_reference=True)
-        mujoco.mj_forward(model, data)
-        weight = data.qfrc_bias - data.qfrc_gravcomp  # gravity compensation carries its part
-        if followers is not None:  # the constraints transmit the followers' weight to the measured joints
-            weight += followers.velocity_jacobian(data.qpos).T @ weight[followers.dofs]
-        loads = self.compute_loads(weight, initial_loads)
+        loads = self.compute_loads(compute_weight(model, data, self.layout), initial_loads)
         for index in range(n):
             self.load_transmission(index, float(loads[index]))
-        holding = np.where(self.layout.inputs.positional, self.holding_commands(loads), 0.0)
+        integrals = self.integrals.compute_held(loads)
+        rests = loads.copy()
+        rests[self.integrals.joints] -= self.integrals.gain * integrals
+        holding = np.where(self.layout.inputs.positional, self.holding_commands(rests), 0.0)
         data.ctrl[:] = self.layout.controls(holding, state)
         for actuator in self.stateful:
             settle_actuator(model, data, actuator)
+        data.act[self.integrals.addresses] = integrals
         self.load_setpoints(loads, initial_loads, state[n : 2 * n])
         if len(earlier_commands) and np.isfinite(earlier_commands).all():
             self.fill_delays(self.layout.controls(earlier_commands, state[None]))
@@ -165,7 +168,7 @@ class SettledStates:
                 initial_loads == InitialLoad.MINUS_FRICTION,
                 initial_loads == InitialLoad.PLUS_FRICTION,
             ],
-            [np.zeros_like(weights), weights - friction, weights + friction],
+            [np.zeros_like(weights), weights + self.drag - friction, weights + self.drag + friction],
             weights,
         )
 
@@ -225,3 +228,15 @@ def read_feedback_parameters(model: mujoco.MjModel, actuator: int) -> tuple[floa
     is_controller = model.actuator_gaintype[actuator] in CONTROLLERS
     gain = stiffness if is_controller else float(model.actuator_gainprm[actuator, 0])
     return stiffness, gear, gain, float(model.actuator_biasprm[actuator, 0])
+
+
+def find_constant_drag(model: mujoco.MjModel, layout: Layout) -> np.ndarray:
+    """Return the constant torques against the positive direction of passive actuators at the measured joints, (n,).
+
+    They are the difference of friction by direction; see `effects/asymmetric_friction.py`.
+    """
+    passive = (model.actuator_ctrlnum == 0) & np.isin(model.actuator_trntype, DIRECT)
+    joints = model.dof_jntid[layout.dof]
+    owned = passive & (model.actuator_biastype == int(mujoco.mjtBias.mjBIAS_AFFINE))
+    chosen = (model.actuator_trnid[:, 0] == joints[:, None]) & owned
+    return np.asarray(-(chosen * (model.actuator_biasprm[:, 0] * model.actuator_gear[:, 0])).sum(axis=1))

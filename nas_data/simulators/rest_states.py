@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from nas_data.simulators.followers import Slack
+from nas_data.simulators.integrals import Integrals, compute_weight
 from nas_data.simulators.layout import Layout
 
 SLEW_RATES = {mujoco.mjtDyn.mjDYN_PID: 1, mujoco.mjtDyn.mjDYN_DCMOTOR: 7}  # index of the slew rate in `dynprm`
@@ -17,7 +18,8 @@ class CarriedState:
     """State of B simulations that is not measured, and that one recorded row passes on to the next.
 
     Attributes:
-        setpoints: Setpoints of servos whose control is the speed of the setpoint, shape (B, servos).
+        setpoints: Setpoints of servos whose control is the speed of the setpoint, then integral parts of position
+            servos, shape (B, servos).
         slack: Slack of the followers; None if the model has none.
     """
 
@@ -32,7 +34,8 @@ class CarriedState:
 class RestStates:
     """Full states of a model at rest, with setpoints and delay lines filled.
 
-    They are linear in the measured positions. MuJoCo computes the basis once, and states are combinations of it.
+    They are linear in the measured positions. MuJoCo computes the basis once, and states are combinations of it. Only
+    integral parts of servos depend on the posture otherwise: they hold the arm's weight.
     """
 
     def __init__(self, model: mujoco.MjModel, layout: Layout, spec: int) -> None:
@@ -53,7 +56,8 @@ class RestStates:
         servos = range(len(layout.objects.servos))
         self.object_slopes = [rest_state(model, layout, np.zeros(len(unit)), spec, i) - self.base for i in servos]
         first = mujoco.mj_stateSize(model, int(BEFORE_ACT))
-        self.setpoints = first + find_integrator_setpoints(model, layout)
+        self.integrals, self.scratch = Integrals.of(model, layout), mujoco.MjData(model)
+        self.setpoints = first + np.append(find_integrator_setpoints(model, layout), self.integrals.addresses)
 
     @property
     def carries_state(self) -> bool:
@@ -90,7 +94,17 @@ class RestStates:
             followers.place_with_slack(carried.slack, *self.motion(full))
         elif followers is not None:
             followers.place(*self.motion(full), from_reference=True)
+        if carried is None and self.integrals:
+            self._wind_integrals(full)
         return full
+
+    def _wind_integrals(self, full: np.ndarray) -> None:
+        """Set the integral parts of servos in full states (B, size) to those that hold the arm's weight."""
+        places = self.setpoints[-len(self.integrals.joints) :]
+        for row, positions in zip(full, self.motion(full)[0], strict=True):
+            self.scratch.qpos = positions
+            weight = compute_weight(self.scratch.model, self.scratch, self.layout)
+            row[places] = self.integrals.compute_held(weight[self.layout.dof])
 
     def _set_objects(self, full: np.ndarray, states: np.ndarray) -> None:
         """Write object states (B, m) into full states (B, size); servos of objects hold the given positions."""

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.simulator_samples import damped_ergojr, so101_without_floor
+from support.simulator_samples import damped_ergojr, load_integrals, so101_without_floor
 from support.typical_effects import JOINT, NAMES, OF_OBJECTS, TYPICAL, typical
 
 from nas_data.effects.base import Effect, add_effects, find_effect, from_json, make_effect, parse, read_effects
@@ -86,8 +86,8 @@ def test_the_smallest_effect_is_hardly_seen(name):
     finite = [p for p in kind.parameters if math.isfinite(p.neutral)]
     near = {p.name: p.neutral + 1e-5 * (TYPICAL[name, p.name] - p.neutral) for p in finite}
     near |= {p.name: 1e3 * p.high for p in kind.parameters if math.isinf(p.neutral)}
-    if name == "torque_limit":
-        near = {"torque": 0.2079}  # a limit is absolute: the model's own is the one that changes nothing
+    if name in ("torque_limit", "motor_curve"):  # a limit is absolute: the model's own is the one that changes nothing
+        near[find_effect(name).parameters[0].name] = 0.2079
     effect = make_effect(name, JOINT if kind.per_joint else None, near)
     # the engine delays by a whole timestep at least, and a play this small still adds a second joint
     close = rollout(arm(effect))
@@ -129,6 +129,7 @@ def plain_mujoco(xml: str, joints: Sequence[str], commands: np.ndarray, substeps
         samples = int(model.actuator_history[actuator, 0])
         if samples:
             mujoco.mj_initCtrlHistory(model, data, actuator, None, np.zeros((samples, 1)))
+    load_integrals(model, data)
     sensors = [model.sensor(f"{joint}.pos").adr[0] for joint in joints]
     measured = []
     for command in commands:
@@ -348,6 +349,7 @@ def test_no_effect_fails_but_with_a_sentence(name):
         reasons = {
             "servo_damping": "needs kv or dampratio",
             "speed_limit": "filters its command already",
+            "integral_gain": "filters its command already",
             "object_mass": "has none",
             "object_friction": "has none",
             "floor_contact": "needs an arm with collision shapes",

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from support.simulator_samples import load_integrals
 
 from nas_data.errors import NasError
 from nas_data.simulators.engines import ENGINES, load_simulator
@@ -286,6 +287,7 @@ def truth(group: str) -> np.ndarray:
     way = next(way for way in WAYS if way.group == group)
     model = mujoco.MjModel.from_xml_string(way.text)
     data, rows = mujoco.MjData(model), []
+    load_integrals(model, data)
     free = [model.joint(j).qposadr[0] for j in "ab"]
     for command in commands_of(way):
         data.ctrl[:2] = command

@@ -196,3 +196,13 @@ def predict_loop(
     """Predict transitions one after the other, each on fresh data; shapes (N, 2n), (N, n) → (N, 2n)."""
     rows = zip(states, commands, strict=True)
     return np.stack([play_loop(path, period, joints, state, command[None])[0] for state, command in rows])
+
+
+def load_integrals(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Let the integral parts of servos hold the weight."""
+    mujoco.mj_forward(model, data)
+    for actuator in np.flatnonzero(model.actuator_gaintype == int(mujoco.mjtGain.mjGAIN_PID)):
+        if gain := model.actuator_gainprm[actuator, 0]:
+            weight = data.qfrc_bias[model.jnt_dofadr[model.actuator_trnid[actuator, 0]]]
+            last = model.actuator_actadr[actuator] + model.actuator_actnum[actuator] - 1
+            data.act[last] = weight / (gain * model.actuator_gear[actuator, 0])

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from nas_data.effects.edits.passive import add_passive
+from nas_data.effects.edits.passive import add_feedback
 from nas_data.effects.edits.pristine import clear_joint, clear_tendon
 from nas_data.effects.edits.servo import limit_torque, multiply_servo, read_force_range, read_position_feedback
 from nas_data.errors import ModelFileError
@@ -103,12 +103,3 @@ def add_sum(spec: mujoco.MjSpec, name: str, parts: dict[str, float]) -> str:
     for joint, share in parts.items():
         tendon.wrap_joint(joint, share)
     return name
-
-
-def add_feedback(spec: mujoco.MjSpec, name: str, tendon: str, per_length: float, per_speed: float) -> None:
-    """Add a passive actuator whose force is proportional to a tendon's length and speed."""
-    actuator = add_passive(spec, name, mujoco.mjtTrn.mjTRN_TENDON, tendon)
-    actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-    bias = np.zeros_like(actuator.biasprm)
-    bias[1:3] = per_length, per_speed
-    actuator.biasprm = bias

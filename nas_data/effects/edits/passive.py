@@ -34,3 +34,16 @@ def add_passive(
     actuator.delay = actuator.armature = 0.0
     actuator.nsample, actuator.damping = 0, np.zeros(3)
     return actuator
+
+
+def add_feedback(spec: mujoco.MjSpec, name: str, tendon: str, per_length: float, per_speed: float) -> None:
+    """Add a passive actuator whose force is proportional to a tendon's length and speed."""
+    set_bias(add_passive(spec, name, mujoco.mjtTrn.mjTRN_TENDON, tendon), 0.0, per_length, per_speed)
+
+
+def set_bias(actuator: mujoco.MjsActuator, constant: float, per_length: float = 0.0, per_speed: float = 0.0) -> None:
+    """Set the force of a passive actuator as a linear function of the length and speed of what it acts on."""
+    actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+    bias = np.zeros_like(actuator.biasprm)
+    bias[:3] = constant, per_length, per_speed
+    actuator.biasprm = bias

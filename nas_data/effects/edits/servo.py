@@ -10,6 +10,7 @@ from nas_data.effects.base import find_joint_actuator
 from nas_data.errors import ModelFileError
 from nas_data.mjcf.actuator_lookup import BAND, DAMPING, GAIN, GOAL, PARTS, REST_SHIFT, find_driven_joint
 
+POSITION_INPUT = 1  # the first input of a <pid>, its position setpoint, and no other
 GAIN_TOLERANCE = 1e-6  # relative tolerance within which a gain equals the feedback
 
 
@@ -242,6 +243,17 @@ def read_force_range(actuator: mujoco.MjsActuator) -> tuple[float, float] | None
         actuator.forcelimited == mujoco.mjtLimited.mjLIMITED_AUTO and bool(np.any(actuator.forcerange))
     )
     return (float(actuator.forcerange[0]), float(actuator.forcerange[1])) if limited else None
+
+
+def set_force_limit(actuator: mujoco.MjsActuator, torque: float) -> None:
+    """Set the force range of an actuator to that of a torque on its joint [N·m]."""
+    force = torque / abs(float(actuator.gear[0]))
+    actuator.forcelimited, actuator.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, [-force, force]
+
+
+def set_joint_limit(joint: mujoco.MjsJoint, torque: float) -> None:
+    """Set the limit of the total actuator torque on a joint [N·m]."""
+    joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_TRUE, [-torque, torque]
 
 
 def limit_torque(joint: mujoco.MjsJoint, low: float, high: float) -> None:

@@ -11,7 +11,7 @@ from nas_data.effects.base import Effect, Parameter, make_effect
 from nas_data.gap.nominal_parameters import NominalParameter
 
 STEP = 0.02  # finite difference of θ, above the roughness that contacts and friction cause
-SIGNED_SCALE = 0.05  # [rad] per unit of θ of a parameter with either sign
+SIGNED_SCALE = 0.05  # [rad; m] per unit of θ of a position with either sign
 FREED_ONLY = ("limit",)  # kinds of base parameters that are fixed unless freed, because models state ratings
 MAX_LOG_RANGE = math.log(1000.0)  # largest change of a positive parameter from its initial guess
 
@@ -26,11 +26,13 @@ class FreeParameter:
         effect_indices: Indices of the effects that have it.
         parameter: Parameter of these effects.
         v0: Value at θ = 0: the initial guess, or the neutral value if the parameter has a prior.
+        scale: Change of the value per unit of θ, if the parameter has either sign.
     """
 
     effect_indices: tuple[int, ...]
     parameter: Parameter
     v0: float
+    scale: float = SIGNED_SCALE
 
     @property
     def signed(self) -> bool:
@@ -40,19 +42,19 @@ class FreeParameter:
     @property
     def prior_weight(self) -> float:
         """Inverse standard deviation of the prior; 0 for a uniform prior."""
-        return SIGNED_SCALE / self.parameter.spread if self.parameter.spread else 0.0
+        return self.scale / self.parameter.spread if self.parameter.spread else 0.0
 
     def value(self, number: float) -> float:
-        """Return the parameter's value v₀ exp(θ), or v₀ + 0.05 θ if it is signed, within its bounds."""
+        """Return the parameter's value v₀ exp(θ), or v₀ + scale · θ if it is signed, within its bounds."""
         factor = math.exp(min(max(number, -MAX_LOG_RANGE), MAX_LOG_RANGE))
-        value = self.v0 + SIGNED_SCALE * number if self.signed else self.v0 * factor
+        value = self.v0 + self.scale * number if self.signed else self.v0 * factor
         return float(np.clip(value, self.parameter.low, self.parameter.high))
 
     def bounds(self) -> tuple[float, float]:
         """Return the bounds of θ."""
         low, high = self.parameter.low, self.parameter.high
         if self.signed:
-            return (low - self.v0) / SIGNED_SCALE, (high - self.v0) / SIGNED_SCALE
+            return (low - self.v0) / self.scale, (high - self.v0) / self.scale
         lowest = math.log(low / self.v0) if low > 0 else -MAX_LOG_RANGE
         return max(lowest, -MAX_LOG_RANGE), min(math.log(high / self.v0), MAX_LOG_RANGE)
 
@@ -81,7 +83,9 @@ class FreeParameters:
                 continue
             for parameter in effect.free_parameters:
                 own = float(getattr(effect, parameter.name))
-                found.append(FreeParameter(alike, parameter, parameter.neutral if parameter.spread else own))
+                v0 = parameter.neutral if parameter.spread else own
+                scale = abs(getattr(effect, parameter.scaled_by)) if parameter.scaled_by else SIGNED_SCALE
+                found.append(FreeParameter(alike, parameter, v0, scale or SIGNED_SCALE))
         return tuple(found)
 
     def _find_effect_indices(self, effect: Effect) -> tuple[int, ...]:
@@ -134,7 +138,7 @@ class FreeParameters:
         guesses = [
             (float(getattr(self.effects[f.effect_indices[0]], f.parameter.name)), f) for f in self.effect_parameters
         ]
-        first = [(value - f.v0) / SIGNED_SCALE if f.parameter.spread else 0.0 for value, f in guesses]
+        first = [(value - f.v0) / f.scale if f.parameter.spread else 0.0 for value, f in guesses]
         logs = [math.log((factors or {}).get(parameter.name, 1.0)) for parameter in self.base]
         return np.array(first + logs)
 

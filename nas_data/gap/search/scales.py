@@ -86,6 +86,7 @@ def estimate_joint_scales(
         speed=max(speed, 1e-2 * radian),
         radian=radian,
         velocity_servo=is_velocity_servo(nominal.spec, joint),
+        position_servo=gain > 0 and nominal.simulator().kinds[index] == POSITION,
     )
 
 

@@ -44,10 +44,9 @@ class Candidate:
 
 def average_scales(sizes: Sequence[Scales]) -> Scales:
     """Return the mean scales of all joints, for effects of the whole arm."""
-    numbers = [name for name in Scales.__dataclass_fields__ if name != "velocity_servo"]
-    return replace(
-        sizes[0], velocity_servo=False, **{name: np.mean([getattr(s, name) for s in sizes]) for name in numbers}
-    )
+    numbers = [name for name in Scales.__dataclass_fields__ if not name.endswith("_servo")]
+    means = {name: np.mean([getattr(s, name) for s in sizes]) for name in numbers}
+    return replace(sizes[0], velocity_servo=False, position_servo=False, **means)
 
 
 def generate_candidates(joints: Sequence[str], sizes: Sequence[Scales]) -> Iterator[Effect]:

@@ -10,7 +10,7 @@ from nas_data.gap.nominal_parameters import NominalParameter, read_own_value
 from nas_data.gap.search.constants import FAR_BEHIND, LARGE_SIZE, PRICE, SHORTLIST
 from nas_data.gap.search.fit import MAX_STEP, build_normal_equations
 from nas_data.gap.search.hypothesis import Description, Hypothesis, compute_effect_price, effect_key
-from nas_data.gap.search.parameters import SIGNED_SCALE, FreeParameters
+from nas_data.gap.search.parameters import FreeParameters
 from nas_data.gap.search.plain_fit import EFFECT_OF_PARAMETER, convert_to_factor
 from nas_data.gap.search.screen import average_scales
 from nas_data.gap.search.search import Search
@@ -170,7 +170,7 @@ def compute_removal_step(search: Search, parameters: FreeParameters, theta: np.n
     if np.isinf(neutral) and effect.joint is None:
         neutral = effect.vanishing_value(average_scales(search.scales))
     if free.signed:
-        return (neutral - value) / SIGNED_SCALE
+        return (neutral - value) / free.scale
     if np.isinf(neutral):
         return 1.0
     return float(np.log(neutral / value)) if neutral > 0 else -1.0
