@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from nas_data.effects.base import Effect, Parameter, Scales, find_joint_actuator
-from nas_data.mjcf.actuator_lookup import BAND
+from nas_data.mjcf.actuator_lookup import GAIN
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,12 +35,12 @@ class TorqueLimit(Effect):
         return scales.torque
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Set the force range of the actuator and, if it has one, of the joint; with a dead band only the joint's."""
+        """Set the force range of the actuator and, if it has one, of the joint; with a goal joint only the joint's."""
         assert self.joint is not None
         actuator, joint = find_joint_actuator(spec, self.joint), spec.joint(self.joint)
-        has_band = spec.actuator(self.joint + BAND) is not None
-        if has_band or (joint.actfrclimited != mujoco.mjtLimited.mjLIMITED_FALSE and np.any(joint.actfrcrange)):
+        has_goal = spec.actuator(self.joint + GAIN) is not None
+        if has_goal or (joint.actfrclimited != mujoco.mjtLimited.mjLIMITED_FALSE and np.any(joint.actfrcrange)):
             joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_TRUE, [-self.torque, self.torque]
-        if not has_band:
+        if not has_goal:
             force = self.torque / abs(float(actuator.gear[0]))
             actuator.forcelimited, actuator.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, [-force, force]

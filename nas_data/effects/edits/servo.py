@@ -8,7 +8,17 @@ import numpy as np
 
 from nas_data.effects.base import find_joint_actuator
 from nas_data.errors import ModelFileError
-from nas_data.mjcf.actuator_lookup import BAND, DAMPING, GAIN, GOAL, PARTS, REST_SHIFT, find_driven_joint
+from nas_data.mjcf.actuator_lookup import (
+    BAND,
+    DAMPING,
+    GAIN,
+    GOAL,
+    PROFILE,
+    REST_SHIFT,
+    START,
+    START_BAND,
+    find_driven_joint,
+)
 
 GAIN_TOLERANCE = 1e-6  # relative tolerance within which a gain equals the feedback
 
@@ -69,7 +79,7 @@ def is_velocity_controlled(actuator: mujoco.MjsActuator) -> bool:
 def compute_control_per_speed(actuator: mujoco.MjsActuator) -> float:
     """Return the control of an actuator that is commanded a speed, per speed of its joint [s/rad · unit of control]."""
     gain, gear = float(actuator.gainprm[0]), float(actuator.gear[0])
-    if actuator.gaintype == mujoco.mjtGain.mjGAIN_PID:
+    if actuator.gaintype in (mujoco.mjtGain.mjGAIN_PID, mujoco.mjtGain.mjGAIN_DCMOTOR):
         return gear
     return gear * (read_position_feedback(actuator) or -float(actuator.biasprm[2])) / gain
 
@@ -115,15 +125,30 @@ def read_servo_damping(spec: mujoco.MjSpec, joint: str) -> float:
 
 
 def scale_stiffness(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
-    """Multiply a servo's position gain; damping, dead band and rest position stay."""
-    multiply_servo(spec, joint, find_joint_actuator(spec, joint), factor)
-    for name in PARTS:
-        if (other := spec.actuator(joint + name)) is not None:
-            multiply_feedback(other, factor)
+    """Multiply a servo's position gain; damping, dead band, start torque, profile and rest position stay."""
+    has_profile = spec.actuator(joint + PROFILE) is not None
+    if not has_profile:  # with a profile, the servo only moves its goal
+        multiply_servo(spec, joint, find_joint_actuator(spec, joint), factor)
+    if (gain := spec.actuator(joint + GAIN)) is None:
+        return
+    half_width, torque = read_band(spec, joint)
+    multiply_feedback(gain, factor)
     if (band := spec.actuator(joint + BAND)) is not None:
-        band.forcerange = band.forcerange * factor
+        multiply_feedback(band, factor)
+        limit_force(band, float(band.biasprm[1]) * half_width + torque)
+    if not has_profile:
         goal = spec.joint(joint + GOAL)
         goal.damping, goal.armature = goal.damping * factor, goal.armature * factor
+
+
+def read_band(spec: mujoco.MjSpec, joint: str) -> tuple[float, float]:
+    """Return the half width of a servo's dead band [rad] and its start torque [N·m]; the servo has a goal joint."""
+    if (band := spec.actuator(joint + BAND)) is None:
+        return 0.0, 0.0
+    starts = [spec.actuator(joint + name) for name in (START, START_BAND)]
+    outer, inner = (float(each.forcerange[1]) if each is not None else 0.0 for each in starts)
+    torque = outer - inner
+    return (float(band.forcerange[1]) - torque) / float(band.biasprm[1]), torque
 
 
 def scale_damping(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
@@ -198,8 +223,8 @@ def multiply_feedback(actuator: mujoco.MjsActuator, factor: float) -> None:
 
 
 def find_part(spec: mujoco.MjSpec, joint: str, name: str) -> mujoco.MjsActuator:
-    """Return an actuator of a servo with a dead band; without a dead band, the servo's only actuator."""
-    if spec.actuator(joint + BAND) is None:
+    """Return an actuator of a servo with a goal joint; without one, the servo's only actuator."""
+    if spec.actuator(joint + GAIN) is None:
         return find_joint_actuator(spec, joint)
     return spec.actuator(joint + name)
 
@@ -242,6 +267,11 @@ def read_force_range(actuator: mujoco.MjsActuator) -> tuple[float, float] | None
         actuator.forcelimited == mujoco.mjtLimited.mjLIMITED_AUTO and bool(np.any(actuator.forcerange))
     )
     return (float(actuator.forcerange[0]), float(actuator.forcerange[1])) if limited else None
+
+
+def limit_force(actuator: mujoco.MjsActuator, force: float) -> None:
+    """Limit an actuator's force to ± a value."""
+    actuator.forcelimited, actuator.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, [-force, force]
 
 
 def limit_torque(joint: mujoco.MjsJoint, low: float, high: float) -> None:
