@@ -25,7 +25,9 @@ class StartTorque(Effect):
     parameters: ClassVar = (Parameter("torque", "N·m", 0.0, 200.0, 0.0),)
     edit_order: ClassVar = 2
     equation: ClassVar = "torque = sign(e) · max(kp · |e|, torque) − kv · dq/dt, e = command − q; 0 at e = 0"
-    source: ClassVar = "Robotis AX-12A e-manual, Punch (register 48); Feetech STS3215, minimum startup force (register 24)"
+    source: ClassVar = (
+        "Robotis AX-12A e-manual, Punch (register 48); Feetech STS3215, minimum startup force (register 24)"
+    )
     signature: ClassVar = (
         "Small errors are corrected with a jerk, and at rest none is left unless the load exceeds the torque; "
         "without friction it trembles about the goal."

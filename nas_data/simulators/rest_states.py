@@ -5,6 +5,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from nas_data.dataset.features import VELOCITY
+from nas_data.mjcf.actuator_lookup import find_driving_actuators, find_slow_goals
+from nas_data.simulators.controls import read_length_feedback
 from nas_data.simulators.followers import Slack
 from nas_data.simulators.layout import Layout
 
@@ -32,7 +35,8 @@ class CarriedState:
 class RestStates:
     """Full states of a model at rest, with setpoints and delay lines filled.
 
-    They are linear in the measured positions. MuJoCo computes the basis once, and states are combinations of it.
+    Setpoints with a limited acceleration move at the measured speed. The states are linear in the measured ones:
+    MuJoCo computes the basis once, and states are combinations of it.
     """
 
     def __init__(self, model: mujoco.MjModel, layout: Layout, spec: int) -> None:
@@ -54,6 +58,10 @@ class RestStates:
         self.object_slopes = [rest_state(model, layout, np.zeros(len(unit)), spec, i) - self.base for i in servos]
         first = mujoco.mj_stateSize(model, int(BEFORE_ACT))
         self.setpoints = first + find_integrator_setpoints(model, layout)
+        pairs = model.jnt_dofadr[np.array(find_slow_goals(model), int).reshape(-1, 2)]
+        self.goal_dofs, self.goal_sources = self.velocity.start + pairs.T
+        self.slewed, places = find_slewed_speeds(model, layout)
+        self.speed_setpoints, self.speed_scales = first + places, layout.inputs.scale[self.slewed]
 
     @property
     def carries_state(self) -> bool:
@@ -81,6 +89,8 @@ class RestStates:
         n = len(self.layout.joints)
         full = self.base + states[:, :n] @ self.slopes
         full[:, self.velocity.start + self.layout.dof] = states[:, n : 2 * n]
+        full[:, self.goal_dofs] = full[:, self.goal_sources]
+        full[:, self.speed_setpoints] = states[:, n + self.slewed] * self.speed_scales
         if states.shape[1] > 2 * n:
             self._set_objects(full, states[:, 2 * n :])
         followers = self.layout.followers
@@ -128,6 +138,7 @@ def rest_state(
         data.ctrl[layout.objects.control[moved]] += layout.objects.inputs.scale[moved]
     for actuator in range(len(model.actuator_trntype)):
         settle_actuator(model, data, actuator)
+    settle_slow_goals(model, data)
     state = np.empty(mujoco.mj_stateSize(model, spec))
     mujoco.mj_getState(model, data, state, spec)
     return state
@@ -158,6 +169,34 @@ def settle_actuator(model: mujoco.MjModel, data: mujoco.MjData, actuator: int) -
         length = data.actuator_length[model.actuator_outadr[actuator]]
         feedback = -model.actuator_biasprm[actuator, 1] / model.actuator_gainprm[actuator, 0]
         data.act[model.actuator_actadr[actuator]] = feedback * length
+
+
+def settle_slow_goals(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Move goal joints with a limited acceleration to where their servos hold them."""
+    for goal, joint in find_slow_goals(model):
+        servo = int(find_driving_actuators(model, joint)[0])
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        mujoco.mj_fwdActuation(model, data)
+        force = data.actuator_force[model.actuator_outadr[servo]]
+        stiffness = read_length_feedback(model, servo) * model.actuator_gear[servo, 0]
+        data.qpos[model.jnt_qposadr[goal]] += force / stiffness
+
+
+def find_slewed_speeds(model: mujoco.MjModel, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
+    """Return the joints whose commanded speed changes at a limited rate, and the indices of these speeds in `act`.
+
+    Shapes (k,) and (k,).
+    """
+    found = [
+        (index, int(model.actuator_actadr[actuator]))
+        for index, (actuator, kind) in enumerate(zip(layout.inputs.actuators, layout.kinds, strict=True))
+        if kind == VELOCITY
+        and model.actuator_dyntype[actuator] == int(mujoco.mjtDyn.mjDYN_DCMOTOR)
+        and model.actuator_dynprm[actuator, SLEW_RATES[mujoco.mjtDyn.mjDYN_DCMOTOR]] > 0
+    ]
+    joints, places = np.array(found, int).reshape(-1, 2).T
+    return joints, places
 
 
 def find_integrator_setpoints(model: mujoco.MjModel, layout: Layout) -> np.ndarray:

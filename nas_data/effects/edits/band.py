@@ -110,8 +110,9 @@ def insert_goal(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator) -> N
         spec, make_unique_name(spec.tendon, joint + "_error"), {joint: 1 - JOINT_COEFFICIENT, goal.name: -1.0}
     )
     add_feedback(spec, joint + GAIN, error, -kp, 0.0)
-    angle = add_sum(spec, make_unique_name(spec.tendon, joint + "_turn"), {joint: 1.0})
-    add_feedback(spec, joint + DAMPING, angle, 0.0, -kv)
+    if kv:
+        angle = add_sum(spec, make_unique_name(spec.tendon, joint + "_turn"), {joint: 1.0})
+        add_feedback(spec, joint + DAMPING, angle, 0.0, -kv)
     if limits is not None:
         limit_torque(first, *np.sort(np.array(limits) * gear))
 

@@ -25,7 +25,8 @@ def limit_goal_acceleration(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsAc
 
     With the force F, distance to the command e and speed v, the goal's equation of motion is
 
-        inertia · dv/dt = clip(F, ±inertia · acceleration),  F / (inertia · ω²) = e − v · |v| / (2 · acceleration) − 2 v / ω
+        inertia · dv/dt = clip(F, ±inertia · acceleration)
+        F = inertia · ω² · (e − v · |v| / (2 · acceleration) − 2 · v / ω)
 
     A goal at speed v needs v² / (2 · acceleration) to stop, so that it speeds up and then brakes at the bound. The
     quadratic term is LuGre friction that grows with speed, of a passive actuator `<joint>_acceleration_limit`, because

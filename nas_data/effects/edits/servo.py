@@ -112,6 +112,7 @@ def read_position_feedback(actuator: mujoco.MjsActuator) -> float:
 def read_servo_stiffness(spec: mujoco.MjSpec, joint: str) -> float:
     """Return the torque of a joint's servo per position error [N·m/rad]; 0 without position feedback."""
     actuator = find_part(spec, joint, GAIN)
+    assert actuator is not None
     return read_position_feedback(actuator) * float(actuator.gear[0]) ** 2
 
 
@@ -120,7 +121,8 @@ def read_servo_damping(spec: mujoco.MjSpec, joint: str) -> float:
 
     It is the gain of a velocity servo.
     """
-    actuator = find_part(spec, joint, DAMPING)
+    if (actuator := find_part(spec, joint, DAMPING)) is None:
+        return 0.0
     return -float(actuator.biasprm[2]) * float(actuator.gear[0]) ** 2
 
 
@@ -156,7 +158,8 @@ def scale_damping(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
 
     The gain of a velocity servo is multiplied, too, so that its target speed stays.
     """
-    actuator = find_part(spec, joint, DAMPING)
+    if (actuator := find_part(spec, joint, DAMPING)) is None:
+        return
     bias = actuator.biasprm.copy()
     scales_command = (
         not bias[1] and actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED and is_velocity_controlled(actuator)
@@ -222,8 +225,8 @@ def multiply_feedback(actuator: mujoco.MjsActuator, factor: float) -> None:
         actuator.gainprm = gain
 
 
-def find_part(spec: mujoco.MjSpec, joint: str, name: str) -> mujoco.MjsActuator:
-    """Return an actuator of a servo with a goal joint; without one, the servo's only actuator."""
+def find_part(spec: mujoco.MjSpec, joint: str, name: str) -> mujoco.MjsActuator | None:
+    """Return an actuator of a servo with a goal joint, None if it lacks it; without one, the servo's only actuator."""
     if spec.actuator(joint + GAIN) is None:
         return find_joint_actuator(spec, joint)
     return spec.actuator(joint + name)
