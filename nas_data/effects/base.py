@@ -30,7 +30,7 @@ class Parameter:
         high: Upper bound.
         neutral: Value at which the effect changes nothing.
         spread: Standard deviation of the prior around the neutral value, in the same unit; it makes the parameter
-            optional. 0 for a uniform prior within the bounds.
+            optional. Infinite for an optional parameter with a uniform prior, 0 for others.
     """
 
     name: str
@@ -144,14 +144,21 @@ class Effect:
         details = any(getattr(self, p.name) != p.neutral for p in self.parameters if p.spread)
         return tuple(p for p in self.parameters if details or not p.spread)
 
-    def with_optional_parameters(self) -> "Effect":
-        """Return the effect with its optional parameters just off neutral, so that a fit frees them."""
+    def with_optional_parameters(self, scales: Scales | None) -> "Effect":
+        """Return the effect with initial guesses of its optional parameters, so that a fit frees them.
+
+        Args:
+            scales: Scales of the effect's joint; None for the whole arm.
+        """
         if self.free_parameters == self.parameters:
             return self
         own = {p.name: getattr(self, p.name) for p in self.parameters}
-        return make_effect(
-            self.name(), self.joint, own | {p.name: DETAIL_START * p.spread for p in self.parameters if p.spread}
-        )
+        return make_effect(self.name(), self.joint, own | self.optional_guess(scales))
+
+    @classmethod
+    def optional_guess(cls, scales: Scales | None) -> Mapping[str, float]:
+        """Return initial guesses of the optional parameters: just off neutral if they have a prior around it."""
+        return {p.name: DETAIL_START * p.spread for p in cls.parameters if p.spread}
 
     def has_preferred_equivalent(self, scales: Scales) -> bool:
         """Whether another effect is named instead, because it is equivalent with these parameters at such a joint."""

@@ -6,6 +6,7 @@ from enum import IntEnum
 import mujoco
 import numpy as np
 
+from nas_data.effects.edits.stops import compute_stop_stiffness
 from nas_data.mjcf.actuator_lookup import BAND, GAIN, GOAL, START, START_BAND, find_slow_goals
 from nas_data.simulators.controls import CONTROLLERS, read_length_feedback
 from nas_data.simulators.layout import Layout
@@ -194,7 +195,8 @@ class SettledStates:
             turned = -load / stiffness if stiffness > 0 else 0.0
             if model.jnt_limited[joint]:
                 low, high = model.jnt_range[joint]
-                pushed = 0.0 if abs(load) < WEIGHTLESS else low if load > 0 else high
+                yielding = -load / compute_stop_stiffness(model, joint)
+                pushed = 0.0 if abs(load) < WEIGHTLESS else yielding + (low if load > 0 else high)
                 turned = float(np.clip(turned, low, high)) if stiffness > 0 else pushed
             data.qpos[address] = turned
             data.qpos[own] -= turned

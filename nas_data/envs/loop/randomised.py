@@ -54,8 +54,9 @@ class RandomisedStepper(Stepper):
         self._driven = stepper.layout.dof
         self._control, self._parts = find_controls(self.model, self.joints)
         slow = [goal for goal, _ in find_slow_goals(self.model)]
+        self._slow_dofs = self.model.jnt_dofadr[slow]
         quick = [goal for goal in find_goal_joints(self.model) if goal not in slow]
-        self._goal_dof = self.model.jnt_dofadr[quick]
+        self._goal_dofs = self.model.jnt_dofadr[quick]
         names = [self.model.joint(goal).name.removesuffix(GOAL) for goal in quick]
         self._goal_gains = [self.model.actuator(name + GAIN).id for name in names]
         self._torque = np.array([compute_largest_torque(self.model, joint) for joint in self.joints])
@@ -75,9 +76,8 @@ class RandomisedStepper(Stepper):
         fields["body_inertia"][row] = model.body_inertia * drawn.mass[:, None]
         gain = np.append(drawn.gain, 1.0)[self._control]  # passive actuators that are no servo's keep theirs
         damping, armature = drawn.damping.copy(), drawn.armature.copy()
-        damping[self._goal_dof] = armature[self._goal_dof] = gain[
-            self._goal_gains
-        ]  # as quick as the servo that moves it
+        damping[self._goal_dofs] = armature[self._goal_dofs] = gain[self._goal_gains]  # as quick as its servo
+        armature[self._slow_dofs] = 1.0  # a profile keeps its acceleration
         fields["dof_damping"][row] = (model.dof_damping.T * damping).T
         fields["dof_armature"][row] = model.dof_armature * armature
         friction = model.dof_frictionloss * drawn.friction

@@ -81,7 +81,8 @@ class FreeParameters:
                 continue
             for parameter in effect.free_parameters:
                 own = float(getattr(effect, parameter.name))
-                found.append(FreeParameter(alike, parameter, parameter.neutral if parameter.spread else own))
+                has_prior = parameter.spread > 0 and math.isfinite(parameter.neutral)
+                found.append(FreeParameter(alike, parameter, parameter.neutral if has_prior else own))
         return tuple(found)
 
     def _find_effect_indices(self, effect: Effect) -> tuple[int, ...]:

@@ -1,0 +1,39 @@
+"""Stops of a joint's range, rigid or yielding in proportion to their load."""
+
+import math
+
+import mujoco
+import numpy as np
+
+HARD_STOP = (0.99, 0.999, 0.001, 0.5, 2.0)  # solimp: the servo's torque deforms the stop by less than 1e-4 rad
+LOSS_TIME = 1e-3  # [s] damping over stiffness of a yielding stop, as of `joint_compliance`
+SOFTEST, HARDEST = 2e-4, 0.99  # impedances of yielding stops; MuJoCo needs 1e-4
+
+
+def soften_stops(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, stiffness: float) -> None:
+    """Give the stops of a joint a stiffness [N·m/rad], in series with that of stops that yield already.
+
+    A limit is a spring of −solref₀ / ((1 − d) · w), with its impedance d and the joint's inverse inertia w at the
+    reference posture. It has a virtual mass of d / ((1 − d) · w), which is chosen as (2 · timestep)² · stiffness: hardly
+    any for a soft stop, and as much as the timestep needs for a hard one.
+
+    Source: MuJoCo documentation, Computation, Solver parameters: f = (aref − a) / R, R = (1 − d) / d · w.
+    """
+    model = spec.compile()
+    index = int(model.joint(joint.name).id)
+    weight = float(model.dof_invweight0[model.jnt_dofadr[index]])
+    total = 1 / (1 / stiffness + 1 / compute_stop_stiffness(model, index))
+    mass = (2 * spec.option.timestep) ** 2 * total * weight
+    if mass / (1 + mass) >= HARDEST:
+        return  # harder than the rigid stop
+    impedance = max(mass / (1 + mass), SOFTEST)
+    joint.solimp_limit = [impedance, impedance, *HARD_STOP[2:]]
+    joint.solref_limit = -total * (1 - impedance) * weight * np.array([1.0, LOSS_TIME])
+
+
+def compute_stop_stiffness(model: mujoco.MjModel, joint: int) -> float:
+    """Return the stiffness of a joint's stops [N·m/rad]; infinite if they are rigid."""
+    if model.jnt_solref[joint, 0] >= 0:
+        return math.inf
+    weight = float(model.dof_invweight0[model.jnt_dofadr[joint]])
+    return -float(model.jnt_solref[joint, 0]) / ((1 - float(model.jnt_solimp[joint, 0])) * weight)
