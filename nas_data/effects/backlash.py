@@ -12,6 +12,8 @@ from nas_data.effects.edits.series import add_series_joint, to_file_unit
 from nas_data.effects.edits.stops import HARD_STOP, soften_stops
 from nas_data.mjcf.actuator_lookup import WIDEST_PLAY
 
+NARROWEST = 1e-6  # [rad] MuJoCo needs a range, and yielding stops may have no play between them
+
 
 @dataclass(frozen=True, kw_only=True)
 class Backlash(Effect):
@@ -53,7 +55,7 @@ class Backlash(Effect):
         assert self.joint is not None
         play = add_series_joint(spec, self.joint, "play")
         play.limited = mujoco.mjtLimited.mjLIMITED_TRUE
-        width = float(play.range[1]) + to_file_unit(spec, self.half_width)
+        width = float(play.range[1]) + to_file_unit(spec, max(self.half_width, NARROWEST))
         play.range = [-width, width]
         if play.solref_limit[0] > 0:  # else the stops yield already
             # a stiffer stop overshoots between two physics steps

@@ -14,8 +14,8 @@ def soften_stops(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, stiffness: float) 
     """Give the stops of a joint a stiffness [N·m/rad], in series with that of stops that yield already.
 
     A limit is a spring of −solref₀ / ((1 − d) · w), with its impedance d and the joint's inverse inertia w at the
-    reference posture. It has a virtual mass of d / ((1 − d) · w), which is chosen as (2 · timestep)² · stiffness: hardly
-    any for a soft stop, and as much as the timestep needs for a hard one.
+    reference posture. It has a virtual mass of d / ((1 − d) · w), which is chosen as (2 · timestep)² · stiffness:
+    hardly any for a soft stop, and as much as the timestep needs for a hard one.
 
     Source: MuJoCo documentation, Computation, Solver parameters: f = (aref − a) / R, R = (1 − d) / d · w.
     """

@@ -231,5 +231,5 @@ def stretch_effect(effect: Effect, stretch: float, vanishing_value: float) -> Ef
             value = 1 / max(stretch / value + (1 - stretch) / vanishing_value, 1e-12)
         elif place == 0 or p.low < 0:
             value = p.neutral + stretch * (value - p.neutral)
-        values[p.name] = float(np.clip(value, p.low, p.high))
+        values[p.name] = value if value == p.neutral else float(np.clip(value, p.low, p.high))
     return make_effect(effect.name(), effect.joint, values)

@@ -34,7 +34,8 @@ def fit_special_cases(search: Search, h: Hypothesis, number: int) -> list[Hypoth
     """Fit a hypothesis with special cases in place of one effect; empty if it has none."""
     effect = h.effects[number]
     simpler = [find_effect(name) for name in effect.confused_with]
-    names = {kind.name() for kind in simpler if len(kind.parameters) < len(effect.parameters)}
+    own = len(effect.free_parameters)
+    names = {kind.name() for kind in simpler if sum(not p.spread for p in kind.parameters) < own}
     if effect.joint is None or effect.name() in h.description.shared:
         return []
     starts = replace_hook(search, h, number)
