@@ -10,7 +10,7 @@ from nas_data.effects.edits.stops import compute_stop_stiffness
 from nas_data.mjcf.actuator_lookup import BAND, GAIN, GOAL, START, START_BAND, find_slow_goals
 from nas_data.simulators.controls import CONTROLLERS, read_length_feedback
 from nas_data.simulators.layout import Layout
-from nas_data.simulators.rest_states import find_slewed_speeds, has_memory, settle_actuator
+from nas_data.simulators.rest_states import compute_goal_leads, find_slewed_speeds, has_memory, settle_actuator
 
 INTEGRATOR = int(mujoco.mjtDyn.mjDYN_INTEGRATOR)
 START_SECONDS = 1.0  # [s] of an episode from which its initial loads are inferred
@@ -97,7 +97,7 @@ class SettledStates:
         self.model, self.layout, self.spec, self.period = model, layout, spec, period
         self.data = data or mujoco.MjData(model)
         self.goal_servos = [find_goal_servo(model, int(joint)) for joint in model.dof_jntid[layout.dof]]
-        self.slow_goals = find_slow_goals(model)
+        self.slow_goals = list(zip(find_slow_goals(model), compute_goal_leads(model), strict=True))
         self.slewed, self.speed_setpoints = find_slewed_speeds(model, layout)
         self.stateful = [actuator for actuator in range(len(model.actuator_trntype)) if has_memory(model, actuator)]
         joints = range(len(layout.joints))
@@ -153,8 +153,10 @@ class SettledStates:
         if len(earlier_commands) and np.isfinite(earlier_commands).all():
             self.fill_delays(self.layout.controls(earlier_commands, state[None]))
         data.qvel[self.layout.dof] = state[n : 2 * n]
-        for goal, joint in self.slow_goals:
-            data.qvel[model.jnt_dofadr[goal]] = data.qvel[model.jnt_dofadr[joint]]
+        for (goal, joint), lead in self.slow_goals:
+            speed = data.qvel[model.jnt_dofadr[joint]]
+            data.qvel[model.jnt_dofadr[goal]] = speed
+            data.qpos[model.jnt_qposadr[goal]] += lead * speed
         data.act[self.speed_setpoints] = state[n + self.slewed] * self.layout.inputs.scale[self.slewed]
         if followers is not None:
             followers.place(data.qpos[None], data.qvel[None])

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from nas_data.dataset.features import VELOCITY
-from nas_data.mjcf.actuator_lookup import find_driving_actuators, find_slow_goals
+from nas_data.mjcf.actuator_lookup import DAMPING, GAIN, find_driving_actuators, find_slow_goals
 from nas_data.simulators.controls import read_length_feedback
 from nas_data.simulators.followers import Slack
 from nas_data.simulators.layout import Layout
@@ -58,8 +58,9 @@ class RestStates:
         self.object_slopes = [rest_state(model, layout, np.zeros(len(unit)), spec, i) - self.base for i in servos]
         first = mujoco.mj_stateSize(model, int(BEFORE_ACT))
         self.setpoints = first + find_integrator_setpoints(model, layout)
-        pairs = model.jnt_dofadr[np.array(find_slow_goals(model), int).reshape(-1, 2)]
-        self.goal_dofs, self.goal_sources = self.velocity.start + pairs.T
+        pairs = np.array(find_slow_goals(model), int).reshape(-1, 2)
+        self.goal_dofs, self.goal_sources = self.velocity.start + model.jnt_dofadr[pairs].T
+        self.goals, self.goal_leads = self.position + model.jnt_qposadr[pairs[:, 0]], compute_goal_leads(model)
         self.slewed, places = find_slewed_speeds(model, layout)
         self.speed_setpoints, self.speed_scales = first + places, layout.inputs.scale[self.slewed]
 
@@ -90,6 +91,7 @@ class RestStates:
         full = self.base + states[:, :n] @ self.slopes
         full[:, self.velocity.start + self.layout.dof] = states[:, n : 2 * n]
         full[:, self.goal_dofs] = full[:, self.goal_sources]
+        full[:, self.goals] += self.goal_leads * full[:, self.goal_sources]
         full[:, self.speed_setpoints] = states[:, n + self.slewed] * self.speed_scales
         if states.shape[1] > 2 * n:
             self._set_objects(full, states[:, 2 * n :])
@@ -181,6 +183,21 @@ def settle_slow_goals(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         force = data.actuator_force[model.actuator_outadr[servo]]
         stiffness = read_length_feedback(model, servo) * model.actuator_gear[servo, 0]
         data.qpos[model.jnt_qposadr[goal]] += force / stiffness
+
+
+def compute_goal_leads(model: mujoco.MjModel) -> np.ndarray:
+    """Return the time by which goals of limited acceleration lead their joints at constant speed [s], shape (k,).
+
+    It is the damping over the stiffness of the servo.
+    """
+    leads = []
+    for _, joint in find_slow_goals(model):
+        name = model.joint(joint).name
+        damper = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name + DAMPING)
+        damping = float(model.dof_damping[model.jnt_dofadr[joint]])
+        damping -= float(model.actuator_biasprm[damper, 2]) if damper >= 0 else 0.0
+        leads.append(-damping / float(model.actuator(name + GAIN).biasprm[1]))
+    return np.array(leads)
 
 
 def find_slewed_speeds(model: mujoco.MjModel, layout: Layout) -> tuple[np.ndarray, np.ndarray]:

@@ -20,6 +20,7 @@ from nas_data.mjcf.actuator_lookup import (
     find_driven_joint,
 )
 
+CONTROLLER_DAMPING = 6  # index of the derivative gain of a dcmotor's controller in `gainprm`
 GAIN_TOLERANCE = 1e-6  # relative tolerance within which a gain equals the feedback
 
 
@@ -123,7 +124,14 @@ def read_servo_damping(spec: mujoco.MjSpec, joint: str) -> float:
     """
     if (actuator := find_part(spec, joint, DAMPING)) is None:
         return 0.0
-    return -float(actuator.biasprm[2]) * float(actuator.gear[0]) ** 2
+    own = actuator.gainprm[CONTROLLER_DAMPING] if has_controller(actuator) else -actuator.biasprm[2]
+    return float(own) * float(actuator.gear[0]) ** 2
+
+
+def has_controller(actuator: mujoco.MjsActuator) -> bool:
+    """Whether an actuator is a dcmotor with a controller, whose gains are not in `biasprm`."""
+    commanded = actuator.ctrlspec != int(mujoco.mjtCtrlInput.mjINPUT_NONE)
+    return bool(actuator.gaintype == mujoco.mjtGain.mjGAIN_DCMOTOR and commanded)
 
 
 def scale_stiffness(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
@@ -159,6 +167,11 @@ def scale_damping(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
     The gain of a velocity servo is multiplied, too, so that its target speed stays.
     """
     if (actuator := find_part(spec, joint, DAMPING)) is None:
+        return
+    if has_controller(actuator):
+        gain = actuator.gainprm.copy()
+        gain[CONTROLLER_DAMPING] *= factor
+        actuator.gainprm = gain
         return
     bias = actuator.biasprm.copy()
     scales_command = (
