@@ -29,7 +29,7 @@ class Deadband(Effect):
     signature: ClassVar = (
         "A static error of either sign up to a fixed width, at any load; small moves are not followed."
     )
-    confused_with: ClassVar = ("backlash", "coulomb_friction", "stribeck_friction", "joint_offset")
+    confused_with: ClassVar = ("backlash", "coulomb_friction", "stribeck_friction", "joint_offset", "start_torque")
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:

@@ -22,7 +22,7 @@ class TorqueLimit(Effect):
     equation: ClassVar = "|torque of the servo| ≤ torque"
     source: ClassVar = "XL-320 e-manual, Torque Limit (register 35); MuJoCo actuator forcerange"
     signature: ClassVar = "Only in big steps and heavy postures: constant acceleration, droop that ignores the error."
-    confused_with: ClassVar = ("speed_limit", "payload", "servo_stiffness")
+    confused_with: ClassVar = ("speed_limit", "payload", "servo_stiffness", "acceleration_limit")
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
