@@ -228,11 +228,12 @@ def make_effect(name: str, joint: str | None, values: Mapping[str, object]) -> E
     """
     kind = find_effect(name)
     known = {field.name for field in fields(kind)} - {"joint"}
+    given = sorted(values)
     values = {p.name: p.neutral for p in kind.parameters if p.spread} | dict(values)
     wrong = sorted(set(values) ^ known)
     if wrong:
         raise OptionError(
-            f"{name} takes the parameters {', '.join(sorted(known))}; given: {', '.join(sorted(values)) or 'none'}."
+            f"{name} takes the parameters {', '.join(sorted(known))}; given: {', '.join(given) or 'none'}."
         )
     if joint is None and not kind.whole_arm:
         raise OptionError(f"{name} belongs to a joint; give joint=NAME.")
