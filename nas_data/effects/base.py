@@ -153,7 +153,7 @@ class Effect:
         if self.free_parameters == self.parameters:
             return self
         own = {p.name: getattr(self, p.name) for p in self.parameters}
-        return make_effect(self.name(), self.joint, own | self.optional_guess(scales))
+        return make_effect(self.name(), self.joint, {**own, **self.optional_guess(scales)})
 
     @classmethod
     def optional_guess(cls, scales: Scales | None) -> Mapping[str, float]:
