@@ -10,13 +10,14 @@ from nas_data.effects.edits.passive import add_passive
 from nas_data.effects.edits.servo import limit_torque, multiply_servo, read_position_feedback
 from nas_data.mjcf.actuator_lookup import DRIVE, GAIN, GOAL, PROFILE
 
-# Measured on steps of 0.05 to 1 rad at 2 to 50 rad/s²: with a timestep of 2 ms the goal deviates from the ideal
-# profile by 0.2 to 2.7 % of the step (RMS), with 0.5 ms by 0.1 to 1.6 %.
-RATE = 0.35  # natural frequency of the goal times the timestep: faster oscillates, slower is late
+# Measured on steps of 0.05 to 1 rad at 2 to 50 rad/s²: the goal deviates from the ideal profile by 0.2 to 1.6 % of the
+# step (RMS), and with timesteps of 0.5 and 2 ms by 0.1 to 0.4 % from each other.
+RATE = 0.35  # most natural frequency of the goal times the timestep: faster oscillates
+FASTEST = 175.0  # [rad/s] most natural frequency of the goal, so that timesteps below 2 ms make no difference
 REACTION = 1e-5  # torque of the servo at an error of a radian over the force that accelerates the goal
-REST = 4.0  # distance from the command at which the goal rests, over acceleration · timestep²
+REST = 0.5  # distance from the command at which the goal rests, over acceleration / natural frequency²
 FARTHEST_REST = 3e-4  # [rad; m] largest such distance, below the resolution of sensors
-BRISTLE = 15.0  # stiffness of the brake's bristles; with less the brake is late, with more they oscillate at rest
+BRISTLE = 43.0  # stiffness of the brake's bristles; with less the brake is late, with more they oscillate at rest
 FAST = 100.0  # Stribeck velocity over the top speed of a step of a radian, so that the brake is quadratic below it
 
 
@@ -42,10 +43,10 @@ def limit_goal_acceleration(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsAc
     if spec.actuator(joint + PROFILE) is not None:
         acceleration = min(acceleration, float(goal.actfrcrange[1]) / goal.armature)
         spec.delete(spec.actuator(joint + PROFILE))
-    step = spec.option.timestep
     kp = -float(spec.actuator(joint + GAIN).biasprm[1])
     inertia = kp / (REACTION * acceleration)
-    stiffness, damping = inertia * (RATE / step) ** 2, 2 * inertia * RATE / step
+    frequency = min(RATE / spec.option.timestep, FASTEST)
+    stiffness, damping = inertia * frequency**2, 2 * inertia * frequency
     # the share of the joint in the drive, by which a new command acts at once, would bypass the profile
     spec.delete(spec.tendon(joint + DRIVE))
     add_sum(spec, joint + DRIVE, {goal.name: 1.0})
@@ -58,19 +59,19 @@ def limit_goal_acceleration(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsAc
         joint + PROFILE,
         mujoco.mjtTrn.mjTRN_JOINT,
         goal.name,
-        compute_brake(stiffness, acceleration, step),
+        compute_brake(stiffness, acceleration, frequency),
         damping,
     )
 
 
-def compute_brake(stiffness: float, acceleration: float, step: float) -> np.ndarray:
+def compute_brake(stiffness: float, acceleration: float, frequency: float) -> np.ndarray:
     """Return the LuGre parameters of a friction of stiffness · v² / (2 · acceleration), shape (5,).
 
     LuGre friction is static + (coulomb − static) · (1 − exp(−(v / stribeck)²)), which is quadratic in v well below the
     Stribeck velocity. The static part is needed, because the length of the bristles is friction over their stiffness.
     """
-    rest = min(REST * acceleration * step**2, FARTHEST_REST)
+    rest = min(REST * acceleration / frequency**2, FARTHEST_REST)
     quadratic, static = stiffness / (2 * acceleration), stiffness * rest
     stribeck = FAST * math.sqrt(2 * acceleration)
-    bristles = BRISTLE * math.sqrt(static * quadratic) / step
+    bristles = BRISTLE * math.sqrt(static * quadratic) * frequency
     return np.array([bristles, 0.0, static + quadratic * stribeck**2, static, stribeck])
