@@ -30,7 +30,7 @@ class Parameter:
         high: Upper bound.
         neutral: Value at which the effect changes nothing.
         spread: Standard deviation of the prior around the neutral value, in the same unit; it makes the parameter
-            optional. 0 for a uniform prior within the bounds.
+            optional. Infinite for an optional parameter with a uniform prior, 0 for others.
         scaled_by: For a parameter of either sign that is no length or angle: the parameter of the effect whose value is
             its scale.
     """
@@ -92,6 +92,7 @@ class Effect:
         in_model: Whether the edited model alone expresses it; otherwise its hook is needed, too.
         replaces: Nominal parameter of its joint that it sets, so that a fit frees only one of both; empty if none.
         distorts: Kind of nominal parameter that a fit without the effect distorts, if `replaces` is empty.
+        unsearched: Names of its parameters that a search does not fit yet, because the blind benchmark does not hide them.
         stepwise: Names of its parameters [s] that act in whole physics steps.
         edit_order: Edits run in ascending order. An edit that depends on masses, gains or joints follows the edits
             that change them.
@@ -110,6 +111,7 @@ class Effect:
     edit_order: ClassVar[int] = 0
     replaces: ClassVar[str] = ""
     distorts: ClassVar[str] = ""
+    unsearched: ClassVar[tuple[str, ...]] = ()
     stepwise: ClassVar[tuple[str, ...]] = ()
     equation: ClassVar[str] = ""
     source: ClassVar[str] = ""
@@ -149,14 +151,27 @@ class Effect:
         details = any(getattr(self, p.name) != p.neutral for p in self.parameters if p.spread)
         return tuple(p for p in self.parameters if details or not p.spread)
 
-    def with_optional_parameters(self) -> "Effect":
-        """Return the effect with its optional parameters just off neutral, so that a fit frees them."""
+    def with_optional_parameters(self, scales: Scales | None) -> "Effect":
+        """Return the effect with initial guesses of its optional parameters, so that a fit frees them.
+
+        Args:
+            scales: Scales of the effect's joint; None for the whole arm.
+        """
         if self.free_parameters == self.parameters:
             return self
         own = {p.name: getattr(self, p.name) for p in self.parameters}
-        return make_effect(
-            self.name(), self.joint, own | {p.name: DETAIL_START * p.spread for p in self.parameters if p.spread}
-        )
+        guess = {name: value for name, value in self.optional_guess(scales).items() if name not in self.unsearched}
+        return make_effect(self.name(), self.joint, {**own, **guess}) if guess else self
+
+    @classmethod
+    def is_searched(cls) -> bool:
+        """Whether a search tries the effect."""
+        return cls.parameters[0].name not in cls.unsearched
+
+    @classmethod
+    def optional_guess(cls, scales: Scales | None) -> Mapping[str, float]:
+        """Return initial guesses of the optional parameters: just off neutral if they have a prior around it."""
+        return {p.name: DETAIL_START * p.spread for p in cls.parameters if p.spread}
 
     def has_preferred_equivalent(self, scales: Scales) -> bool:
         """Whether another effect is named instead, because it is equivalent with these parameters at such a joint."""
@@ -225,11 +240,12 @@ def make_effect(name: str, joint: str | None, values: Mapping[str, object]) -> E
     """
     kind = find_effect(name)
     known = {field.name for field in fields(kind)} - {"joint"}
+    given = sorted(values)
     values = {p.name: p.neutral for p in kind.parameters if p.spread} | dict(values)
     wrong = sorted(set(values) ^ known)
     if wrong:
         raise OptionError(
-            f"{name} takes the parameters {', '.join(sorted(known))}; given: {', '.join(sorted(values)) or 'none'}."
+            f"{name} takes the parameters {', '.join(sorted(known))}; given: {', '.join(given) or 'none'}."
         )
     if joint is None and not kind.whole_arm:
         raise OptionError(f"{name} belongs to a joint; give joint=NAME.")

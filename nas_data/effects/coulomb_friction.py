@@ -23,7 +23,7 @@ class CoulombFriction(Effect):
     equation: ClassVar = "friction = torque · sign(dq/dt)"
     source: ClassVar = "MuJoCo joint frictionloss; Rhoban/bam, friction model M1"
     signature: ClassVar = "Stops short of the goal on the side it comes from; an offset that flips at every reversal."
-    confused_with: ClassVar = ("backlash", "stribeck_friction", "load_friction", "deadband")
+    confused_with: ClassVar = ("backlash", "stribeck_friction", "load_friction", "deadband", "start_torque")
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:

@@ -9,7 +9,6 @@ import mujoco
 from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.effects.edits.band import add_band
 from nas_data.effects.edits.servo import find_position_servo
-from nas_data.errors import ModelFileError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +29,7 @@ class Deadband(Effect):
     signature: ClassVar = (
         "A static error of either sign up to a fixed width, at any load; small moves are not followed."
     )
-    confused_with: ClassVar = ("backlash", "coulomb_friction", "stribeck_friction", "joint_offset")
+    confused_with: ClassVar = ("backlash", "coulomb_friction", "stribeck_friction", "joint_offset", "start_torque")
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
@@ -45,9 +44,4 @@ class Deadband(Effect):
         """
         assert self.joint is not None
         servo = find_position_servo(spec, self.joint, self.name())
-        if servo.gaintype == mujoco.mjtGain.mjGAIN_PID and servo.gainprm[0]:
-            raise ModelFileError(
-                f"{self.name()} cannot be added to the actuator '{servo.name}', whose integral gain would overcome it; "
-                "give a model without ki."
-            )
         add_band(spec, self.joint, servo, self.half_width)

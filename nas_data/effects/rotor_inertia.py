@@ -20,7 +20,7 @@ class RotorInertia(Effect):
     equation: ClassVar = "torque = inertia · d²q/dt²"
     source: ClassVar = "MuJoCo joint armature; Rhoban/bam, armature"
     signature: ClassVar = "Slower acceleration and lower, longer ringing, the same in every posture; no droop."
-    confused_with: ClassVar = ("payload", "command_delay", "torque_limit")
+    confused_with: ClassVar = ("payload", "command_delay", "torque_limit", "acceleration_limit")
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:

@@ -21,7 +21,7 @@ class ServoStiffness(Effect):
     equation: ClassVar = "torque = factor · kp · (command − q) − kv · dq/dt"
     source: ClassVar = "XL-320 e-manual, P gain (register 29)"
     signature: ClassVar = "Droop under load and bandwidth change together, in proportion, in every posture."
-    confused_with: ClassVar = ("payload", "coulomb_friction", "joint_compliance")
+    confused_with: ClassVar = ("payload", "coulomb_friction", "joint_compliance", "start_torque")
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:

@@ -32,7 +32,7 @@ class SpeedLimit(Effect):
     equation: ClassVar = "|d goal/dt| ≤ speed, torque = servo(goal − q); of a velocity command, |command| ≤ speed"
     source: ClassVar = "MuJoCo 4.0 <pid slewmax>; XL-320 e-manual, Moving Speed (register 32)"
     signature: ClassVar = "Straight ramps of the same slope after every big step, nothing on slow moves, at any load."
-    confused_with: ClassVar = ("torque_limit", "viscous_friction", "command_delay")
+    confused_with: ClassVar = ("torque_limit", "viscous_friction", "command_delay", "acceleration_limit")
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:

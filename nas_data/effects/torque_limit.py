@@ -10,7 +10,7 @@ import numpy as np
 
 from nas_data.effects.base import Effect, Parameter, Scales, find_joint_actuator
 from nas_data.effects.edits.servo import set_force_limit, set_joint_limit
-from nas_data.mjcf.actuator_lookup import BAND, CURVE
+from nas_data.mjcf.actuator_lookup import CURVE, GAIN
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,7 +23,7 @@ class TorqueLimit(Effect):
     equation: ClassVar = "|torque of the servo| ≤ torque"
     source: ClassVar = "XL-320 e-manual, Torque Limit (register 35); MuJoCo actuator forcerange"
     signature: ClassVar = "Only in big steps and heavy postures: constant acceleration, droop that ignores the error."
-    confused_with: ClassVar = ("speed_limit", "payload", "servo_stiffness")
+    confused_with: ClassVar = ("speed_limit", "payload", "servo_stiffness", "acceleration_limit")
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
@@ -38,13 +38,14 @@ class TorqueLimit(Effect):
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Set the force range of the actuator and, if it has one, of the joint.
 
-        With a dead band only the joint's is set; with a motor curve, whose limit falls with speed, only the actuator's.
+        With a goal joint only that of the joint; with a motor curve, whose limit falls with speed, only that of the
+        actuator.
         """
         assert self.joint is not None
         actuator, joint = find_joint_actuator(spec, self.joint), spec.joint(self.joint)
-        has_band, has_curve = (spec.actuator(self.joint + part) is not None for part in (BAND, CURVE))
+        has_goal, has_curve = (spec.actuator(self.joint + part) is not None for part in (GAIN, CURVE))
         is_limited = joint.actfrclimited != mujoco.mjtLimited.mjLIMITED_FALSE and np.any(joint.actfrcrange)
-        if has_band or (is_limited and not has_curve):
+        if has_goal or (is_limited and not has_curve):
             set_joint_limit(joint, self.torque)
-        if not has_band:
+        if not has_goal:
             set_force_limit(actuator, self.torque)

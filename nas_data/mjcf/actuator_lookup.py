@@ -5,12 +5,15 @@ import numpy as np
 
 HELD = "_held"  # the constraint `<joint>_held` locks a joint that its author left free
 WIDEST_PLAY = 0.2  # [rad] largest half range of a hinge that counts as free play
-# Names of the elements that model a servo with a dead band; a model is unlikely to have them by chance.
+# Names of the elements that model a servo with a dead band, start torque or acceleration limit; a model is unlikely to
+# have them by chance.
 DRIVE = "_deadband_drive"  # fixed tendon `<joint>_deadband_drive`, the servo's transmission: mainly the goal joint
-GOAL = "_deadband_goal"  # massless joint in the world whose position is the servo's goal
+GOAL = "_deadband_goal"  # joint in the world whose position is the servo's goal
+PROFILE = "_acceleration_limit"  # passive actuator that brakes the goal joint, if its acceleration is limited
 # passive actuators that apply the servo's torque to the joint
 GAIN, BAND, DAMPING = "_deadband_gain", "_deadband", "_deadband_damping"
-PARTS = (GAIN, BAND, DAMPING)
+START, START_BAND = "_start_torque", "_start_torque_band"  # the servo's least torque, and its dead band
+PARTS = (GAIN, BAND, DAMPING, START, START_BAND)
 CURVE = "_motor_curve"  # passive actuator and fixed tendon `<joint>_motor_curve`: their torques depend on speed
 PRESSED = "_pressed_drive"  # fixed tendon `<joint>_pressed_drive`: the joint and a pad that its servo presses
 PAD = "_pressed_pad"  # joint of that pad, in the parent body
@@ -112,6 +115,16 @@ def find_goal_joints(model: mujoco.MjModel) -> list[int]:
     tendons = {model.tendon(index).name for index in range(model.ntendon)}
     return [
         index for index, name in enumerate(names) if name.endswith(GOAL) and name.removesuffix(GOAL) + DRIVE in tendons
+    ]
+
+
+def find_slow_goals(model: mujoco.MjModel) -> list[tuple[int, int]]:
+    """Return the indices of the goal joints whose acceleration is limited, each with that of its servo's joint."""
+    pairs = [(goal, model.joint(goal).name.removesuffix(GOAL)) for goal in find_goal_joints(model)]
+    return [
+        (goal, int(model.joint(name).id))
+        for goal, name in pairs
+        if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name + PROFILE) >= 0
     ]
 
 

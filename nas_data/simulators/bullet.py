@@ -10,6 +10,7 @@ import numpy as np
 
 from nas_data.effects.base import Effect
 from nas_data.effects.edits.hook import StepForces
+from nas_data.effects.edits.stops import YieldingStops
 from nas_data.errors import ModelFileError, SimulationDiverged
 from nas_data.mjcf.actuator_lookup import find_goal_joints
 from nas_data.robots.base import Robot, find_robot
@@ -134,6 +135,7 @@ class BulletArm:
         )
         self.hooks = [hook(forces) for hook in simulator.hooks]
         self.projection = Projection.of(self.model)
+        self.stops = YieldingStops(self.model)
 
     def reset(self, state: np.ndarray) -> None:
         """Reset to a full MuJoCo state (size of INTEGRATION)."""
@@ -152,6 +154,8 @@ class BulletArm:
             if self.hooks:
                 self.world.set_friction(self.model.dof_frictionloss + sum(hook()[0] for hook in self.hooks))
             torques = self.servos.qfrc_actuator + self.servos.qfrc_passive
+            if self.stops.joints:
+                torques += self.stops.compute_torques(qpos, qvel)
             torques[self.goal_dof] = 0.0  # MuJoCo simulates the goal joints
             self.world.step(torques)
             if self.projection is not None:

@@ -6,11 +6,12 @@ from enum import IntEnum
 import mujoco
 import numpy as np
 
-from nas_data.mjcf.actuator_lookup import BAND, DIRECT, GAIN, GOAL
+from nas_data.effects.edits.stops import compute_stop_stiffness
+from nas_data.mjcf.actuator_lookup import BAND, DIRECT, GAIN, GOAL, START, START_BAND, find_slow_goals
 from nas_data.simulators.controls import CONTROLLERS, read_length_feedback
 from nas_data.simulators.integrals import Integrals, compute_weight
 from nas_data.simulators.layout import Layout
-from nas_data.simulators.rest_states import has_memory, settle_actuator
+from nas_data.simulators.rest_states import compute_goal_leads, find_slewed_speeds, has_memory, settle_actuator
 
 INTEGRATOR = int(mujoco.mjtDyn.mjDYN_INTEGRATOR)
 START_SECONDS = 1.0  # [s] of an episode from which its initial loads are inferred
@@ -42,33 +43,44 @@ def choose_initial_loads(squares: np.ndarray, noise: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class DeadBand:
-    """A servo's dead band, as `effects/deadband.py` models it.
+class GoalServo:
+    """A servo with a goal joint, dead band and start torque, as `effects/edits/band.py` models it.
 
     Attributes:
         goal: Index of the goal joint in `qpos`.
         stiffness: Stiffness of the servo [N m/rad].
-        half_width: Half width of the band [rad].
+        half_width: Half width of the dead band [rad].
+        start_torque: Torque just beyond the band [N m].
     """
 
     goal: int
     stiffness: float
     half_width: float
+    start_torque: float
 
     def error(self, load: float) -> float:
-        """Return the position error within the band [rad]: at an edge under a load [N m], else in the middle."""
-        return 0.0 if abs(load) < WEIGHTLESS else float(np.copysign(self.half_width, load))
+        """Return the position error at which the servo holds a load [N m]: without a load, in the middle of the band.
+
+        A load below the start torque is held at the band's edge.
+        """
+        if abs(load) < WEIGHTLESS:
+            return load / self.stiffness
+        beyond = abs(load) / self.stiffness if abs(load) > self.start_torque else 0.0
+        return float(np.copysign(self.half_width + beyond, load))
 
 
-def find_dead_band(model: mujoco.MjModel, joint: int) -> DeadBand | None:
-    """Return the dead band of a joint's servo; None if it has none."""
+def find_goal_servo(model: mujoco.MjModel, joint: int) -> GoalServo | None:
+    """Return the servo of a joint, if it has a goal joint; else None."""
     name = model.joint(joint).name
-    gain, band = (mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name + part) for part in (GAIN, BAND))
-    if min(gain, band) < 0:
+    gain, *parts = (
+        mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name + part) for part in (GAIN, BAND, START, START_BAND)
+    )
+    if gain < 0:
         return None
-    stiffness = -float(model.actuator_biasprm[gain, 1])
+    band, start, inner = (float(model.actuator_forcerange[part, 1]) if part >= 0 else 0.0 for part in parts)
+    stiffness, start_torque = -float(model.actuator_biasprm[gain, 1]), start - inner
     goal = int(model.joint(name + GOAL).qposadr[0])
-    return DeadBand(goal, stiffness, float(model.actuator_forcerange[band, 1]) / stiffness)
+    return GoalServo(goal, stiffness, (band - start_torque) / stiffness, start_torque)
 
 
 class SettledStates:
@@ -85,7 +97,9 @@ class SettledStates:
         """Prepare the states; arguments as for `RestStates`, the control period [s], and scratch data."""
         self.model, self.layout, self.spec, self.period = model, layout, spec, period
         self.data = data or mujoco.MjData(model)
-        self.bands = [find_dead_band(model, int(joint)) for joint in model.dof_jntid[layout.dof]]
+        self.goal_servos = [find_goal_servo(model, int(joint)) for joint in model.dof_jntid[layout.dof]]
+        self.slow_goals = list(zip(find_slow_goals(model), compute_goal_leads(model), strict=True))
+        self.slewed, self.speed_setpoints = find_slewed_speeds(model, layout)
         self.stateful = [actuator for actuator in range(len(model.actuator_trntype)) if has_memory(model, actuator)]
         joints = range(len(layout.joints))
         self.hidden = [[a for a in np.flatnonzero(layout.position_map[i]) if a != layout.qpos[i]] for i in joints]
@@ -142,6 +156,11 @@ class SettledStates:
         if len(earlier_commands) and np.isfinite(earlier_commands).all():
             self.fill_delays(self.layout.controls(earlier_commands, state[None]))
         data.qvel[self.layout.dof] = state[n : 2 * n]
+        for (goal, joint), lead in self.slow_goals:
+            speed = data.qvel[model.jnt_dofadr[joint]]
+            data.qvel[model.jnt_dofadr[goal]] = speed
+            data.qpos[model.jnt_qposadr[goal]] += lead * speed
+        data.act[self.speed_setpoints] = state[n + self.slewed] * self.layout.inputs.scale[self.slewed]
         if followers is not None:
             followers.place(data.qpos[None], data.qvel[None])
         full = np.empty(mujoco.mj_stateSize(model, self.spec))
@@ -181,7 +200,8 @@ class SettledStates:
             turned = -load / stiffness if stiffness > 0 else 0.0
             if model.jnt_limited[joint]:
                 low, high = model.jnt_range[joint]
-                pushed = 0.0 if abs(load) < WEIGHTLESS else low if load > 0 else high
+                yielding = -load / compute_stop_stiffness(model, joint)
+                pushed = 0.0 if abs(load) < WEIGHTLESS else yielding + (low if load > 0 else high)
                 turned = float(np.clip(turned, low, high)) if stiffness > 0 else pushed
             data.qpos[address] = turned
             data.qpos[own] -= turned
@@ -209,16 +229,16 @@ class SettledStates:
     def holding_commands(self, loads: np.ndarray) -> np.ndarray:
         """Return the commanded positions (n,) at which the servos hold the loads (n,); saturation is neglected.
 
-        The goal joint of a servo with a dead band is set accordingly.
+        The goal joint of a servo that has one is set accordingly.
         """
         commands = self.data.qpos[self.layout.qpos].copy()
         for index in np.flatnonzero(self.holding):
             load, stiffness, rest = float(loads[index]), self.stiffness[index], self.rest[index]
-            if (band := self.bands[index]) is None:
+            if (servo := self.goal_servos[index]) is None:
                 commands[index] += load / (stiffness * self.gear[index] ** 2) - rest
             else:
-                commands[index] += load / band.stiffness + band.error(load) - rest
-                self.data.qpos[band.goal] = commands[index] + rest
+                commands[index] += servo.error(load) - rest
+                self.data.qpos[servo.goal] = commands[index] + rest
         return commands
 
 

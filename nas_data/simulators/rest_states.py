@@ -5,6 +5,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from nas_data.dataset.features import VELOCITY
+from nas_data.mjcf.actuator_lookup import DAMPING, GAIN, find_driving_actuators, find_slow_goals
+from nas_data.simulators.controls import read_length_feedback
 from nas_data.simulators.followers import Slack
 from nas_data.simulators.integrals import Integrals, compute_weight
 from nas_data.simulators.layout import Layout
@@ -34,8 +37,9 @@ class CarriedState:
 class RestStates:
     """Full states of a model at rest, with setpoints and delay lines filled.
 
-    They are linear in the measured positions. MuJoCo computes the basis once, and states are combinations of it. Only
-    integral parts of servos depend on the posture otherwise: they hold the arm's weight.
+    They are linear in the measured states. MuJoCo computes the basis once, and states are combinations of it. Setpoints
+    with a limited acceleration move at the measured speed. Only integral parts of servos depend on the posture
+    otherwise: they hold the arm's weight.
     """
 
     def __init__(self, model: mujoco.MjModel, layout: Layout, spec: int) -> None:
@@ -58,6 +62,11 @@ class RestStates:
         first = mujoco.mj_stateSize(model, int(BEFORE_ACT))
         self.integrals, self.scratch = Integrals.of(model, layout), mujoco.MjData(model)
         self.setpoints = first + np.append(find_integrator_setpoints(model, layout), self.integrals.addresses)
+        pairs = np.array(find_slow_goals(model), int).reshape(-1, 2)
+        self.goal_dofs, self.goal_sources = self.velocity.start + model.jnt_dofadr[pairs].T
+        self.goals, self.goal_leads = self.position + model.jnt_qposadr[pairs[:, 0]], compute_goal_leads(model)
+        self.slewed, places = find_slewed_speeds(model, layout)
+        self.speed_setpoints, self.speed_scales = first + places, layout.inputs.scale[self.slewed]
 
     @property
     def carries_state(self) -> bool:
@@ -85,6 +94,9 @@ class RestStates:
         n = len(self.layout.joints)
         full = self.base + states[:, :n] @ self.slopes
         full[:, self.velocity.start + self.layout.dof] = states[:, n : 2 * n]
+        full[:, self.goal_dofs] = full[:, self.goal_sources]
+        full[:, self.goals] += self.goal_leads * full[:, self.goal_sources]
+        full[:, self.speed_setpoints] = states[:, n + self.slewed] * self.speed_scales
         if states.shape[1] > 2 * n:
             self._set_objects(full, states[:, 2 * n :])
         followers = self.layout.followers
@@ -142,6 +154,7 @@ def rest_state(
         data.ctrl[layout.objects.control[moved]] += layout.objects.inputs.scale[moved]
     for actuator in range(len(model.actuator_trntype)):
         settle_actuator(model, data, actuator)
+    settle_slow_goals(model, data)
     state = np.empty(mujoco.mj_stateSize(model, spec))
     mujoco.mj_getState(model, data, state, spec)
     return state
@@ -172,6 +185,49 @@ def settle_actuator(model: mujoco.MjModel, data: mujoco.MjData, actuator: int) -
         length = data.actuator_length[model.actuator_outadr[actuator]]
         feedback = -model.actuator_biasprm[actuator, 1] / model.actuator_gainprm[actuator, 0]
         data.act[model.actuator_actadr[actuator]] = feedback * length
+
+
+def settle_slow_goals(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Move goal joints with a limited acceleration to where their servos hold them."""
+    for goal, joint in find_slow_goals(model):
+        servo = int(find_driving_actuators(model, joint)[0])
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        mujoco.mj_fwdActuation(model, data)
+        force = data.actuator_force[model.actuator_outadr[servo]]
+        stiffness = read_length_feedback(model, servo) * model.actuator_gear[servo, 0]
+        data.qpos[model.jnt_qposadr[goal]] += force / stiffness
+
+
+def compute_goal_leads(model: mujoco.MjModel) -> np.ndarray:
+    """Return the time by which goals of limited acceleration lead their joints at constant speed [s], shape (k,).
+
+    It is the damping over the stiffness of the servo.
+    """
+    leads = []
+    for _, joint in find_slow_goals(model):
+        name = model.joint(joint).name
+        damper = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name + DAMPING)
+        damping = float(model.dof_damping[model.jnt_dofadr[joint]])
+        damping -= float(model.actuator_biasprm[damper, 2]) if damper >= 0 else 0.0
+        leads.append(-damping / float(model.actuator(name + GAIN).biasprm[1]))
+    return np.array(leads)
+
+
+def find_slewed_speeds(model: mujoco.MjModel, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
+    """Return the joints whose commanded speed changes at a limited rate, and the indices of these speeds in `act`.
+
+    Shapes (k,) and (k,).
+    """
+    found = [
+        (index, int(model.actuator_actadr[actuator]))
+        for index, (actuator, kind) in enumerate(zip(layout.inputs.actuators, layout.kinds, strict=True))
+        if kind == VELOCITY
+        and model.actuator_dyntype[actuator] == int(mujoco.mjtDyn.mjDYN_DCMOTOR)
+        and model.actuator_dynprm[actuator, SLEW_RATES[mujoco.mjtDyn.mjDYN_DCMOTOR]] > 0
+    ]
+    joints, places = np.array(found, int).reshape(-1, 2).T
+    return joints, places
 
 
 def find_integrator_setpoints(model: mujoco.MjModel, layout: Layout) -> np.ndarray:

@@ -6,6 +6,8 @@ from xml.etree import ElementTree as Xml
 import mujoco
 import numpy as np
 
+from nas_data.effects.edits.stops import find_yielding_stops
+
 ROTOR = "_rotor"  # suffix of the link with a joint's reflected inertia
 LEAST_MASS = 1e-6  # [kg] mass of links without mass, which physics engines refuse
 LEAST_ROTOR = 1e-6  # [kg m²] least reflected inertia of joints in series, on which torques act
@@ -126,7 +128,7 @@ def add_joint(
     name = find_joint_name(model, joint)
     kinds = {int(mujoco.mjtJoint.mjJNT_HINGE): "revolute", int(mujoco.mjtJoint.mjJNT_SLIDE): "prismatic"}
     kind = kinds[int(model.jnt_type[joint])]
-    limited = bool(model.jnt_limited[joint])
+    limited = bool(model.jnt_limited[joint]) and joint not in find_yielding_stops(model)  # which act as springs
     low, high = model.jnt_range[joint] - model.qpos0[model.jnt_qposadr[joint]] if limited else (-1e3, 1e3)
     element = Xml.SubElement(
         robot, "joint", name=name, type="continuous" if kind == "revolute" and not limited else kind

@@ -128,6 +128,7 @@ SIZES = (
     "payload:mass=0.02",
     "base_tilt:roll=0.2,pitch=0.1",
     "gravity_compensation:share=0.5",
+    "backlash:joint=m3,half_width=0.05,stiffness=1.5",
 )
 ELSEWHERE = {*OF_OBJECTS, "servo_damping", "floor_contact"}  # the arm has no objects, velocity gains and shapes
 SIZED = [parse(text) for text in SIZES]

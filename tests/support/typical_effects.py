@@ -10,6 +10,7 @@ JOINT = "m3"
 # a size of each parameter that is typical of a hobby servo
 TYPICAL = {
     ("backlash", "half_width"): 0.02,
+    ("backlash", "stiffness"): 1.5,
     ("joint_compliance", "stiffness"): 1.5,
     ("coulomb_friction", "torque"): 0.02,
     ("stribeck_friction", "torque"): 0.05,
@@ -30,6 +31,8 @@ TYPICAL = {
     ("command_delay", "delay"): 0.025,
     ("joint_offset", "offset"): 0.03,
     ("deadband", "half_width"): 0.03,
+    ("start_torque", "torque"): 0.06,
+    ("acceleration_limit", "acceleration"): 20.0,
     ("payload", "mass"): 0.05,
     ("payload", "x"): 0.04,
     ("payload", "y"): 0.03,

@@ -1,13 +1,20 @@
-"""Dead band of a position servo: the servo moves a goal joint, and passive actuators pull the joint to the goal."""
+"""Dead band and least torque of a position servo: it moves a goal joint, to which passive actuators pull its joint."""
 
 import mujoco
 import numpy as np
 
 from nas_data.effects.edits.passive import add_feedback
 from nas_data.effects.edits.pristine import clear_joint, clear_tendon
-from nas_data.effects.edits.servo import limit_torque, multiply_servo, read_force_range, read_position_feedback
+from nas_data.effects.edits.servo import (
+    limit_force,
+    limit_torque,
+    multiply_servo,
+    read_band,
+    read_force_range,
+    read_position_feedback,
+)
 from nas_data.errors import ModelFileError
-from nas_data.mjcf.actuator_lookup import BAND, DAMPING, DRIVE, GAIN, GOAL, PARTS
+from nas_data.mjcf.actuator_lookup import BAND, DAMPING, DRIVE, GAIN, GOAL, PARTS, START, START_BAND
 from nas_data.mjcf.unique_name import make_unique_name
 
 JOINT_COEFFICIENT = 1e-4  # coefficient of the joint in the servo's tendon; that of the goal is 1
@@ -15,6 +22,7 @@ GOAL_INERTIA_RATIO = 1 / 200  # goal's inertia over damping · timestep, so that
 MIN_GOAL_INERTIA = (
     2e-9  # [s²] goal's least inertia per stiffness: MuJoCo takes accelerations over 1e10 rad/s² for a divergence
 )
+START_STIFFNESS = 0.5  # stiffness · timestep² / inertia of the start torque about zero error; at 4 it oscillates
 MASS, INERTIA = 1e-9, 1e-12  # [kg], [kg m²] of the goal's body; MuJoCo requires positive values
 
 
@@ -29,15 +37,63 @@ def add_band(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator, half_wi
     Raises:
         ModelFileError: the model uses one of these names for another element.
     """
-    if spec.actuator(joint + BAND) is None:
+    if spec.actuator(joint + GAIN) is None:
         insert_goal(spec, joint, servo)
-    band = spec.actuator(joint + BAND)
-    torque = float(band.forcerange[1]) + float(band.biasprm[1]) * half_width
-    band.forcelimited, band.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, [-torque, torque]
+    present, torque = read_band(spec, joint)
+    set_band(spec, joint, present + half_width, torque)
+
+
+def add_start_torque(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator, torque: float) -> None:
+    """Raise a servo's torque to `torque` [N·m] at least wherever it acts; of two such torques the larger one holds.
+
+    The dead band's actuator cancels the proportional torque up to `torque` beyond the band's edge, and
+    `<joint>_start_torque` gives `torque` in its place. It is a much stiffer spring with a limit, so that the simulation
+    is stable at its timestep: within torque / stiffness of the goal the torque is proportional to the error.
+
+    Raises:
+        ModelFileError: the model uses one of these names for another element.
+    """
+    if spec.actuator(joint + GAIN) is None:
+        insert_goal(spec, joint, servo)
+    half_width, present = read_band(spec, joint)
+    set_band(spec, joint, half_width, max(torque, present))
+
+
+def set_band(spec: mujoco.MjSpec, joint: str, half_width: float, torque: float) -> None:
+    """Set a servo's dead band [rad] and start torque [N·m]; the servo has a goal joint.
+
+    With z(e) the error beyond the band, the torque is kp · e − clip(kp · e, ±(kp · half_width + torque)), and with a
+    start torque in addition clip(k · z(e), ±torque), written as clip(k · e, ±(k · half_width + torque)) −
+    clip(k · e, ±k · half_width).
+    """
+    gain = spec.actuator(joint + GAIN)
+    error, stiffness = gain.target, -float(gain.biasprm[1])
+    if spec.actuator(joint + BAND) is None:
+        add_feedback(spec, joint + BAND, error, stiffness, 0.0)
+    limit_force(spec.actuator(joint + BAND), stiffness * half_width + torque)
+    if not torque:
+        return
+    if spec.actuator(joint + START) is None:
+        model = spec.compile()
+        inertia = 1 / float(model.dof_invweight0[model.joint(joint).dofadr[0]])  # at the reference posture [kg·m²]
+        add_feedback(
+            spec, joint + START, error, -max(START_STIFFNESS * inertia / spec.option.timestep**2, stiffness), 0.0
+        )
+    steep = -float(spec.actuator(joint + START).biasprm[1])
+    limit_force(spec.actuator(joint + START), steep * half_width + torque)
+    if half_width:
+        if spec.actuator(joint + START_BAND) is None:
+            add_feedback(spec, joint + START_BAND, error, steep, 0.0)
+        limit_force(spec.actuator(joint + START_BAND), steep * half_width)
 
 
 def insert_goal(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator) -> None:
-    """Insert a goal joint between a servo and its joint; with a dead band of zero, the torque is unchanged."""
+    """Insert a goal joint between a servo and its joint; the torque is unchanged.
+
+    Raises:
+        ModelFileError: the model uses one of the names for another element, or the servo has an integral gain.
+    """
+    refuse_integral(servo)
     refuse_names(spec, joint)
     first, gear = spec.joint(joint), float(servo.gear[0])
     kp, kv = read_position_feedback(servo) * gear**2, -float(servo.biasprm[2]) * gear**2
@@ -54,11 +110,24 @@ def insert_goal(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator) -> N
         spec, make_unique_name(spec.tendon, joint + "_error"), {joint: 1 - JOINT_COEFFICIENT, goal.name: -1.0}
     )
     add_feedback(spec, joint + GAIN, error, -kp, 0.0)
-    add_feedback(spec, joint + BAND, error, kp, 0.0)
-    angle = add_sum(spec, make_unique_name(spec.tendon, joint + "_turn"), {joint: 1.0})
-    add_feedback(spec, joint + DAMPING, angle, 0.0, -kv)
+    if kv:
+        angle = add_sum(spec, make_unique_name(spec.tendon, joint + "_turn"), {joint: 1.0})
+        add_feedback(spec, joint + DAMPING, angle, 0.0, -kv)
     if limits is not None:
         limit_torque(first, *np.sort(np.array(limits) * gear))
+
+
+def refuse_integral(servo: mujoco.MjsActuator) -> None:
+    """Refuse a servo with an integral gain, whose goal and torque cannot be separated.
+
+    Raises:
+        ModelFileError: names the actuator.
+    """
+    if servo.gaintype == mujoco.mjtGain.mjGAIN_PID and servo.gainprm[0]:
+        raise ModelFileError(
+            f"No dead band, start torque or acceleration limit can be added to the actuator '{servo.name}', because of "
+            "its integral gain; give a model without ki."
+        )
 
 
 def refuse_names(spec: mujoco.MjSpec, joint: str) -> None:
@@ -71,7 +140,7 @@ def refuse_names(spec: mujoco.MjSpec, joint: str) -> None:
     taken = [name for find, name in wanted if find(name) is not None]
     if taken:
         raise ModelFileError(
-            f"deadband cannot be added to the joint '{joint}': the model has something else named '{taken[0]}'; "
+            f"The servo of the joint '{joint}' cannot be changed: the model has something else named '{taken[0]}'; "
             "give that another name."
         )
 

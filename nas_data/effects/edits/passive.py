@@ -5,12 +5,17 @@ import numpy as np
 
 
 def add_passive(
-    spec: mujoco.MjSpec, name: str, kind: mujoco.mjtTrn, target: str, lugre: np.ndarray | None = None
+    spec: mujoco.MjSpec,
+    name: str,
+    kind: mujoco.mjtTrn,
+    target: str,
+    lugre: np.ndarray | None = None,
+    damping: float = 0.0,
 ) -> mujoco.MjsActuator:
     """Add an actuator without control to a joint or tendon; the model's default classes do not affect it.
 
-    In MuJoCo only a `<dcmotor>` can have no control. Its motor constant is zero, so that it only has LuGre friction, or
-    the bias that the caller sets.
+    In MuJoCo only a `<dcmotor>` can have no control. It only has LuGre friction, the bias that the caller sets, and the
+    damping of its back-EMF, motor constant² / resistance, because it is shorted.
 
     Args:
         spec: Model.
@@ -18,11 +23,12 @@ def add_passive(
         kind: Type of the transmission.
         target: Name of the joint or tendon.
         lugre: Stiffness, damping, torque at speed, torque at rest, Stribeck velocity, shape (5,); none if None.
+        damping: Damping [N·m·s/rad], within the limits of actuator forces.
     """
     actuator = spec.add_actuator(name=name, target=target)
     actuator.trntype = kind
     actuator.set_to_dcmotor(
-        motorconst=np.zeros(2),
+        motorconst=np.full(2, np.sqrt(damping)),
         resistance=1.0,  # MuJoCo requires a positive value
         lugre=np.zeros(5) if lugre is None else lugre,
         ctrlspec=int(mujoco.mjtCtrlInput.mjINPUT_NONE),

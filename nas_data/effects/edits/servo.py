@@ -8,9 +8,20 @@ import numpy as np
 
 from nas_data.effects.base import find_joint_actuator
 from nas_data.errors import ModelFileError
-from nas_data.mjcf.actuator_lookup import BAND, DAMPING, GAIN, GOAL, PARTS, REST_SHIFT, find_driven_joint
+from nas_data.mjcf.actuator_lookup import (
+    BAND,
+    DAMPING,
+    GAIN,
+    GOAL,
+    PROFILE,
+    REST_SHIFT,
+    START,
+    START_BAND,
+    find_driven_joint,
+)
 
 POSITION_INPUT = 1  # the first input of a <pid>, its position setpoint, and no other
+CONTROLLER_DAMPING = 6  # index of the derivative gain of a dcmotor's controller in `gainprm`
 GAIN_TOLERANCE = 1e-6  # relative tolerance within which a gain equals the feedback
 
 
@@ -70,7 +81,7 @@ def is_velocity_controlled(actuator: mujoco.MjsActuator) -> bool:
 def compute_control_per_speed(actuator: mujoco.MjsActuator) -> float:
     """Return the control of an actuator that is commanded a speed, per speed of its joint [s/rad · unit of control]."""
     gain, gear = float(actuator.gainprm[0]), float(actuator.gear[0])
-    if actuator.gaintype == mujoco.mjtGain.mjGAIN_PID:
+    if actuator.gaintype in (mujoco.mjtGain.mjGAIN_PID, mujoco.mjtGain.mjGAIN_DCMOTOR):
         return gear
     return gear * (read_position_feedback(actuator) or -float(actuator.biasprm[2])) / gain
 
@@ -103,6 +114,7 @@ def read_position_feedback(actuator: mujoco.MjsActuator) -> float:
 def read_servo_stiffness(spec: mujoco.MjSpec, joint: str) -> float:
     """Return the torque of a joint's servo per position error [N·m/rad]; 0 without position feedback."""
     actuator = find_part(spec, joint, GAIN)
+    assert actuator is not None
     return read_position_feedback(actuator) * float(actuator.gear[0]) ** 2
 
 
@@ -111,20 +123,43 @@ def read_servo_damping(spec: mujoco.MjSpec, joint: str) -> float:
 
     It is the gain of a velocity servo.
     """
-    actuator = find_part(spec, joint, DAMPING)
-    return -float(actuator.biasprm[2]) * float(actuator.gear[0]) ** 2
+    if (actuator := find_part(spec, joint, DAMPING)) is None:
+        return 0.0
+    own = actuator.gainprm[CONTROLLER_DAMPING] if has_controller(actuator) else -actuator.biasprm[2]
+    return float(own) * float(actuator.gear[0]) ** 2
+
+
+def has_controller(actuator: mujoco.MjsActuator) -> bool:
+    """Whether an actuator is a dcmotor with a controller, whose gains are not in `biasprm`."""
+    commanded = actuator.ctrlspec != int(mujoco.mjtCtrlInput.mjINPUT_NONE)
+    return bool(actuator.gaintype == mujoco.mjtGain.mjGAIN_DCMOTOR and commanded)
 
 
 def scale_stiffness(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
-    """Multiply a servo's position gain; damping, dead band and rest position stay."""
-    multiply_servo(spec, joint, find_joint_actuator(spec, joint), factor)
-    for name in PARTS:
-        if (other := spec.actuator(joint + name)) is not None:
-            multiply_feedback(other, factor)
+    """Multiply a servo's position gain; damping, dead band, start torque, profile and rest position stay."""
+    has_profile = spec.actuator(joint + PROFILE) is not None
+    if not has_profile:  # with a profile, the servo only moves its goal
+        multiply_servo(spec, joint, find_joint_actuator(spec, joint), factor)
+    if (gain := spec.actuator(joint + GAIN)) is None:
+        return
+    half_width, torque = read_band(spec, joint)
+    multiply_feedback(gain, factor)
     if (band := spec.actuator(joint + BAND)) is not None:
-        band.forcerange = band.forcerange * factor
+        multiply_feedback(band, factor)
+        limit_force(band, float(band.biasprm[1]) * half_width + torque)
+    if not has_profile:
         goal = spec.joint(joint + GOAL)
         goal.damping, goal.armature = goal.damping * factor, goal.armature * factor
+
+
+def read_band(spec: mujoco.MjSpec, joint: str) -> tuple[float, float]:
+    """Return the half width of a servo's dead band [rad] and its start torque [N·m]; the servo has a goal joint."""
+    if (band := spec.actuator(joint + BAND)) is None:
+        return 0.0, 0.0
+    starts = [spec.actuator(joint + name) for name in (START, START_BAND)]
+    outer, inner = (float(each.forcerange[1]) if each is not None else 0.0 for each in starts)
+    torque = outer - inner
+    return (float(band.forcerange[1]) - torque) / float(band.biasprm[1]), torque
 
 
 def scale_damping(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
@@ -132,7 +167,13 @@ def scale_damping(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
 
     The gain of a velocity servo is multiplied, too, so that its target speed stays.
     """
-    actuator = find_part(spec, joint, DAMPING)
+    if (actuator := find_part(spec, joint, DAMPING)) is None:
+        return
+    if has_controller(actuator):
+        gain = actuator.gainprm.copy()
+        gain[CONTROLLER_DAMPING] *= factor
+        actuator.gainprm = gain
+        return
     bias = actuator.biasprm.copy()
     scales_command = (
         not bias[1] and actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED and is_velocity_controlled(actuator)
@@ -198,9 +239,9 @@ def multiply_feedback(actuator: mujoco.MjsActuator, factor: float) -> None:
         actuator.gainprm = gain
 
 
-def find_part(spec: mujoco.MjSpec, joint: str, name: str) -> mujoco.MjsActuator:
-    """Return an actuator of a servo with a dead band; without a dead band, the servo's only actuator."""
-    if spec.actuator(joint + BAND) is None:
+def find_part(spec: mujoco.MjSpec, joint: str, name: str) -> mujoco.MjsActuator | None:
+    """Return an actuator of a servo with a goal joint, None if it lacks it; without one, the servo's only actuator."""
+    if spec.actuator(joint + GAIN) is None:
         return find_joint_actuator(spec, joint)
     return spec.actuator(joint + name)
 
@@ -245,10 +286,14 @@ def read_force_range(actuator: mujoco.MjsActuator) -> tuple[float, float] | None
     return (float(actuator.forcerange[0]), float(actuator.forcerange[1])) if limited else None
 
 
-def set_force_limit(actuator: mujoco.MjsActuator, torque: float) -> None:
-    """Set the force range of an actuator to that of a torque on its joint [N·m]."""
-    force = torque / abs(float(actuator.gear[0]))
+def limit_force(actuator: mujoco.MjsActuator, force: float) -> None:
+    """Limit an actuator's force to ± a value."""
     actuator.forcelimited, actuator.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, [-force, force]
+
+
+def set_force_limit(actuator: mujoco.MjsActuator, torque: float) -> None:
+    """Limit an actuator's force to that of a torque on its joint [N·m]."""
+    limit_force(actuator, torque / abs(float(actuator.gear[0])))
 
 
 def set_joint_limit(joint: mujoco.MjsJoint, torque: float) -> None:

@@ -8,7 +8,13 @@ import numpy as np
 from nas_data.dataset.features import EFFORT
 from nas_data.effects.command_delay import CommandDelay
 from nas_data.envs.loop.ranges import RANGES, Factors, Ranges
-from nas_data.mjcf.actuator_lookup import BAND, GOAL, find_goal_joints, find_servo_actuators
+from nas_data.mjcf.actuator_lookup import (
+    GAIN,
+    GOAL,
+    find_goal_joints,
+    find_servo_actuators,
+    find_slow_goals,
+)
 from nas_data.simulators.base import Stepper
 from nas_data.simulators.controls import command_range, find_command, read_length_feedback
 from nas_data.simulators.mujoco import MujocoStepper
@@ -46,8 +52,13 @@ class RandomisedStepper(Stepper):
         self.model = stepper.simulator.model
         self.fields = {name: stepper.batch.expand(name) for name in FIELDS}
         self._driven = stepper.layout.dof
-        self._goal_dof = self.model.jnt_dofadr[find_goal_joints(self.model)]
-        self._control, self._bands = find_controls(self.model, self.joints)
+        self._control, self._parts = find_controls(self.model, self.joints)
+        slow = [goal for goal, _ in find_slow_goals(self.model)]
+        self._slow_dofs = self.model.jnt_dofadr[slow]
+        quick = [goal for goal in find_goal_joints(self.model) if goal not in slow]
+        self._goal_dofs = self.model.jnt_dofadr[quick]
+        names = [self.model.joint(goal).name.removesuffix(GOAL) for goal in quick]
+        self._goal_gains = [self.model.actuator(name + GAIN).id for name in names]
         self._torque = np.array([compute_largest_torque(self.model, joint) for joint in self.joints])
 
     def redraw(self, rngs: Sequence[np.random.Generator], rows: np.ndarray | None = None) -> None:
@@ -65,7 +76,8 @@ class RandomisedStepper(Stepper):
         fields["body_inertia"][row] = model.body_inertia * drawn.mass[:, None]
         gain = np.append(drawn.gain, 1.0)[self._control]  # passive actuators that are no servo's keep theirs
         damping, armature = drawn.damping.copy(), drawn.armature.copy()
-        damping[self._goal_dof] = armature[self._goal_dof] = gain[self._bands]  # as quick as the servo that moves it
+        damping[self._goal_dofs] = armature[self._goal_dofs] = gain[self._goal_gains]  # as quick as its servo
+        armature[self._slow_dofs] = 1.0  # a profile keeps its acceleration
         fields["dof_damping"][row] = (model.dof_damping.T * damping).T
         fields["dof_armature"][row] = model.dof_armature * armature
         friction = model.dof_frictionloss * drawn.friction
@@ -74,8 +86,8 @@ class RandomisedStepper(Stepper):
         fields["actuator_gainprm"][row] = model.actuator_gainprm * gain[:, None]
         fields["actuator_biasprm"][row] = model.actuator_biasprm * gain[:, None]  # of a servo, the same gain
         fields["actuator_forcerange"][row] = model.actuator_forcerange
-        for band in self._bands:  # a dead band's edge is where its gain has this torque
-            fields["actuator_forcerange"][row][band] *= gain[band]
+        for part in self._parts:  # a dead band's edge is where its gain has this torque
+            fields["actuator_forcerange"][row][part] *= gain[part]
         fields["actuator_delay"][row] = drawn.delay
 
     @property
@@ -110,13 +122,20 @@ class RandomisedStepper(Stepper):
 
 
 def find_controls(model: mujoco.MjModel, joints: Sequence[str]) -> tuple[np.ndarray, list[int]]:
-    """Return the control that each actuator belongs to, -1 for none, and the dead bands in the order of their goals."""
+    """Return the control that each actuator belongs to, -1 for none, and the passive actuators of servos.
+
+    An actuator that only moves a goal of limited acceleration belongs to none.
+    """
     controls = np.where(model.actuator_ctrlnum > 0, model.actuator_ctrladr, -1)
-    for joint in joints:
-        servo = find_servo_actuators(model, model.joint(joint).id)
+    parts: list[int] = []
+    slow = {joint for _, joint in find_slow_goals(model)}
+    for joint in (int(model.joint(name).id) for name in joints):
+        servo = find_servo_actuators(model, joint)
         controls[servo] = model.actuator_ctrladr[servo[0]]
-    goals = [model.joint(joint).name for joint in find_goal_joints(model)]
-    return controls, [model.actuator(name.removesuffix(GOAL) + BAND).id for name in goals]
+        if joint in slow:
+            controls[servo[0]] = -1
+        parts += servo[1:]
+    return controls, parts
 
 
 def compute_largest_torque(model: mujoco.MjModel, joint: str) -> float:

@@ -83,7 +83,8 @@ class FreeParameters:
                 continue
             for parameter in effect.free_parameters:
                 own = float(getattr(effect, parameter.name))
-                v0 = parameter.neutral if parameter.spread else own
+                has_prior = parameter.spread > 0 and math.isfinite(parameter.neutral)
+                v0 = parameter.neutral if has_prior else own
                 scale = abs(getattr(effect, parameter.scaled_by)) if parameter.scaled_by else SIGNED_SCALE
                 found.append(FreeParameter(alike, parameter, v0, scale or SIGNED_SCALE))
         return tuple(found)

@@ -54,6 +54,8 @@ def generate_candidates(joints: Sequence[str], sizes: Sequence[Scales]) -> Itera
     mean = average_scales(sizes)
     for name in registry.list_names("effects"):
         kind = find_effect(name)
+        if not kind.is_searched():
+            continue
         places: list[tuple[str | None, Scales]] = [*zip(joints, sizes, strict=True)] if kind.per_joint else []
         places += [(None, mean)] if kind.whole_arm else []
         for joint, size in places:
@@ -233,5 +235,5 @@ def stretch_effect(effect: Effect, stretch: float, vanishing_value: float) -> Ef
             value = 1 / max(stretch / value + (1 - stretch) / vanishing_value, 1e-12)
         elif place == 0 or p.low < 0:
             value = p.neutral + stretch * (value - p.neutral)
-        values[p.name] = float(np.clip(value, p.low, p.high))
+        values[p.name] = value if value == p.neutral else float(np.clip(value, p.low, p.high))
     return make_effect(effect.name(), effect.joint, values)

@@ -1,5 +1,6 @@
 """Replace effects by special cases with fewer parameters, or by what the model alone can express."""
 
+import math
 from collections.abc import Container
 
 from nas_data.effects.base import Effect, find_effect, make_effect
@@ -33,8 +34,8 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
 def fit_special_cases(search: Search, h: Hypothesis, number: int) -> list[Hypothesis]:
     """Fit a hypothesis with special cases in place of one effect; empty if it has none."""
     effect = h.effects[number]
-    simpler = [find_effect(name) for name in effect.confused_with]
-    names = {kind.name() for kind in simpler if len(kind.parameters) < len(effect.parameters)}
+    simpler = [kind for name in effect.confused_with if (kind := find_effect(name)).is_searched()]
+    names = {kind.name() for kind in simpler if count_parameters(kind) < count_parameters(type(effect))}
     if effect.joint is None or effect.name() in h.description.shared:
         return []
     starts = replace_hook(search, h, number)
@@ -82,3 +83,8 @@ def replace_by_simpler(search: Search, h: Hypothesis, number: int, names: Contai
     found, _ = search.screen_candidates(rest.fit, rest, {joint})
     chosen = [c for c in found if c.effect.name() in names and c.effect.joint == joint][:MAX_LEADERS]
     return [(add_candidate(rest, rest.fit, c), rest.fit.parameters.factors_at(c.theta), rest.fit) for c in chosen]
+
+
+def count_parameters(kind: type[Effect]) -> int:
+    """Return the number of parameters of an effect, without optional ones that have no prior."""
+    return sum(parameter.spread < math.inf for parameter in kind.parameters)

@@ -55,7 +55,7 @@ def find_doubtful(search: Search, h: Hypothesis) -> list[int]:
 def fit_briefly(search: Search, rest: Hypothesis, candidate: Candidate) -> Hypothesis | None:
     """Fit a candidate with its optional parameters for a few steps beside the other effects."""
     description = add_candidate(rest, rest.fit, candidate)
-    description = description.with_effects(
-        [*description.effects[:-1], description.effects[-1].with_optional_parameters()]
-    )
+    *others, added = description.effects
+    scales = search.find_scales(added.joint) if added.joint else None
+    description = description.with_effects([*others, added.with_optional_parameters(scales)])
     return search.fit_description(description, rest.fit.parameters.factors_at(candidate.theta), rest.fit, steps=3)
