@@ -92,7 +92,7 @@ class Effect:
         in_model: Whether the edited model alone expresses it; otherwise its hook is needed, too.
         replaces: Nominal parameter of its joint that it sets, so that a fit frees only one of both; empty if none.
         distorts: Kind of nominal parameter that a fit without the effect distorts, if `replaces` is empty.
-        unsearched: Names of its parameters that a search does not fit yet, because the blind benchmark does not hide them.
+        unsearched: Names of its parameters that a search does not fit yet; the blind benchmark does not hide them.
         stepwise: Names of its parameters [s] that act in whole physics steps.
         edit_order: Edits run in ascending order. An edit that depends on masses, gains or joints follows the edits
             that change them.
