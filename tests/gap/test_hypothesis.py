@@ -11,7 +11,7 @@ from support.search_samples import arm, described, played, tasks
 from nas_data import registry
 from nas_data.effects.base import parse
 from nas_data.gap.search.constants import PRICE
-from nas_data.gap.search.final import compute_conditioning
+from nas_data.gap.search.final import compute_conditioning, fit_final
 from nas_data.gap.search.fit import (
     NEGLECTED_SHARE,
     Fit,
@@ -201,3 +201,12 @@ def test_what_the_data_do_not_determine_has_a_condition_number_that_a_report_can
     silent = replace(known, jacobian=np.zeros_like(known.jacobian), parameters=described(VISCOUS[0]).parameters(()))
     silent = replace(silent, theta=silent.theta[:1], jacobian=silent.jacobian[:1])
     assert 1e12 < compute_conditioning(task, silent) < np.inf
+
+
+def test_an_interval_stays_where_its_parameter_can_be():
+    """The uncertainty of the model's own damping is larger than the friction beside it."""
+    nominal, evidence = played(arm(damping=0.5), ["viscous_friction:joint=j2,coefficient=0.002"])
+    damped = FitTask(nominal, evidence, np.full(2, 1e-4))
+    found = fit_final(damped, described("viscous_friction:joint=j2,coefficient=0.002"), {}, rounds=1)
+    low, high = found.intervals[0]["coefficient"]
+    assert low == 0.0 < high

@@ -163,7 +163,8 @@ def compute_intervals(task: FitTask, found: Fit) -> tuple[Mapping[str, tuple[flo
         for place in free.effect_indices:
             shared_half_width = NORMAL95 * TOLERANCE * read_existing_amount(task, found.effects[place], free.parameter)
             ends = [free.value(float(number) + sign * half_width) + sign * shared_half_width for sign in (-1, 1)]
-            result[place][free.parameter.name] = (min(ends), max(ends))
+            low, high = np.clip([min(ends), max(ends)], free.parameter.low, free.parameter.high).tolist()
+            result[place][free.parameter.name] = (low, high)
     return tuple(result)
 
 
