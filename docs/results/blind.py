@@ -21,6 +21,12 @@ FAMILIES = {
     "none": "nothing hidden",
     "outside": "outside the catalogue",
 }
+ALL_FAMILIES = {
+    **{name: FAMILIES[name] for name in ("none", "one", "two", "three")},
+    "every": "the same effect in every joint",
+    "torque": "torques are commanded, episodes begin in motion",
+    "outside": FAMILIES["outside"],
+}
 BESIDE = {"outside_one": "one effect, one cause outside", "outside_two": "two effects, one cause outside"}
 KEPT = (
     "case", "arm", "excitation", "true", "marks", "named", "confidences", "parameters", "verdict", "exact",
@@ -62,26 +68,31 @@ class Blind:
         heads += ["rest on new episodes if right, median", "rest with the true effects, median", "median time [s]"]
         return markdown_table(heads, [tell_family(family, own) for family, own in by_family.items() if own])
 
+    def seeds(self, *seeds: int) -> str:
+        """Return the table of the families of some seeds, in all settings."""
+        cases = [case for case in self._cases if case["seed"] in seeds]
+        by_family = {family: [case for case in cases if find_family(case) == family] for family in ALL_FAMILIES}
+        heads = ["family", "cases", "exactly right", "wrong with confidence ≥ 0.8"]
+        heads += ["rest on new episodes if right, median", "rest with the true effects, median", "median time [s]"]
+        return markdown_table(heads, [tell_family(family, own) for family, own in by_family.items() if own])
+
+    def sure(self, *seeds: int) -> str:
+        """Return how many names of some seeds with a confidence of 0.9 or more are right, of how many."""
+        said = [one for case in self._cases if case["seed"] in seeds for one in case["confidences"]]
+        sure = [one["right"] for one in said if one["confidence"] >= 0.9]
+        return f"{sum(sure)} of {len(sure)}"
+
     def found(self, seed: int, setting: str) -> str:
         """Return a list of how right parameters, intervals and confidences of a seed are."""
-        cases = self._of(seed, setting)
-        parameters = [entry for case in cases for entry in case["parameters"]]
-        errors = [entry["relative_error"] for entry in parameters if not np.isnan(entry["relative_error"])]
-        held = [bool(entry["covered"]) for entry in parameters if entry["covered"] is not None]
-        said = [(entry["confidence"], entry["right"]) for case in cases for entry in case["confidences"]]
-        lines = [
-            f"- **Parameters** of right names: median error {100 * np.median(errors):.1f} %, largest "
-            f"{100 * max(errors):.0f} %; {sum(held)} of {len(held)} 95 % intervals contain the true value."
-        ]
-        parts = []
-        for low, high, words in ((0.8, 2.0, "at 0.8 or more"), (0.5, 0.8, "from 0.5 to 0.8"), (0.0, 0.5, "below 0.5")):
-            inside = [right for confidence, right in said if low <= confidence < high]
-            parts.append(f"{sum(inside)} of {len(inside)} {words}")
-        return "\n".join([*lines, f"- **Confidence**: right names: {', '.join(parts)}."])
+        return tell_found(self._of(seed, setting))
 
-    def failures(self, seeds: Sequence[int], setting: str) -> str:
-        """Return the table of cases inside the catalogue that are not right."""
-        cases = [case for seed in seeds for case in self._of(seed, setting)]
+    def found_of(self, *seeds: int) -> str:
+        """Return the same of some seeds, in all settings."""
+        return tell_found([case for case in self._cases if case["seed"] in seeds])
+
+    def failures(self, seeds: Sequence[int], setting: str | None = None) -> str:
+        """Return the table of cases inside the catalogue that are not right, by default of all settings."""
+        cases = [case for case in self._cases if case["seed"] in seeds and setting in (None, case["setting"])]
         wrong = [case for case in cases if not case["exact"] and find_family(case) not in ("outside", *BESIDE)]
         return markdown_table(["case", "hidden (size)", "named (confidence)"], map(tell_failure, wrong))
 
@@ -139,6 +150,23 @@ def list_rests(cases: Iterable[Case]) -> list[float]:
     return [case["fresh"]["after"] / case["fresh"]["floor"] for case in cases if case["fresh"]["after"]]
 
 
+def tell_found(cases: Sequence[Case]) -> str:
+    """Return a list of how right parameters, intervals and confidences of some cases are."""
+    parameters = [entry for case in cases for entry in case["parameters"]]
+    errors = [entry["relative_error"] for entry in parameters if not np.isnan(entry["relative_error"])]
+    held = [bool(entry["covered"]) for entry in parameters if entry["covered"] is not None]
+    said = [(entry["confidence"], entry["right"]) for case in cases for entry in case["confidences"]]
+    lines = [
+        f"- **Parameters** of right names: median error {100 * np.median(errors):.1f} %, largest "
+        f"{100 * max(errors):.0f} %; {sum(held)} of {len(held)} 95 % intervals contain the true value."
+    ]
+    parts = []
+    for low, high, words in ((0.8, 2.0, "at 0.8 or more"), (0.5, 0.8, "from 0.5 to 0.8"), (0.0, 0.5, "below 0.5")):
+        inside = [right for confidence, right in said if low <= confidence < high]
+        parts.append(f"{sum(inside)} of {len(inside)} {words}")
+    return "\n".join([*lines, f"- **Confidence**: right names: {', '.join(parts)}."])
+
+
 def tell_median(values: Sequence[float], digits: int = 2) -> str:
     """Return the median; nothing of none."""
     return f"{np.median(values):.{digits}f}" if values else ""
@@ -153,8 +181,8 @@ def tell_family(family: str, cases: Sequence[Case]) -> list[str]:
         named = sum(bool(case["unexplained_joint_named"]) for case in cases)
         explained = sum(case["verdict"] == "explained" for case in cases)
         words = f"(`explained`: {explained or 'none'}; right joint listed as unexplained: {named})"
-        return [FAMILIES[family], str(len(cases)), f"named nothing in {len(right)}", sure, words, "", time]
-    counts = [FAMILIES[family], str(len(cases)), str(len(right)), sure]
+        return [ALL_FAMILIES[family], str(len(cases)), f"named nothing in {len(right)}", sure, words, "", time]
+    counts = [ALL_FAMILIES[family], str(len(cases)), str(len(right)), sure]
     return [*counts, tell_median(list_rests(right)), tell_median(least), time]
 
 
@@ -188,7 +216,7 @@ def tell_method(family: str, name: str, answers: Sequence[Case]) -> list[str]:
 
 def tell_failure(case: Case) -> list[str]:
     """Return which case it is, what was hidden and what was named."""
-    family, plant, seed, place = str(case["case"]).removeprefix("any-").split("-")
+    family, plant, seed, place = str(case["case"]).removeprefix("any-").removeprefix("torque-").split("-")
     marks = [f"{join(name)} ({mark:.0f})" for name, mark in zip(case["true"], case["marks"], strict=True)]
     said = zip(case["named"], case["confidences"], strict=True)
     named = [f"{join(name)} ({each['confidence']:.2f})" for name, each in said]
