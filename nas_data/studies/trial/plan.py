@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from nas_data.atomic_file import write_atomic
+from nas_data.dataset.features import ACTION
 from nas_data.dataset.layout import INFO
 from nas_data.dataset.read import read
 from nas_data.effects.base import Effect, find_joint_actuator, from_json
@@ -165,7 +166,7 @@ def measure_arm(work: TrialWork) -> TestedArm:
     n, gap = len(dataset.joints), max(1, round(SPEED_WINDOW * dataset.fps))
     episodes = [dataset.states[rows, :n].astype(float) for rows in dataset.episodes()]
     steps = np.concatenate([rows[gap:] - rows[:-gap] for rows in episodes])
-    errors = dataset.actions - dataset.states[:, :n]
+    errors = dataset.columns[ACTION] - dataset.states[:, :n]
     stiffness = np.array([read_servo_stiffness(spec, joint) for joint in dataset.joints])
     limits = np.array([read_torque_limit(spec, joint) for joint in dataset.joints])
     return TestedArm(
