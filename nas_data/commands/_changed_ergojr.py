@@ -1,12 +1,13 @@
 """Recordings of an ErgoJr for a trial, through the command that records it: as it is, or with a known change."""
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from nas_data.commands._record_arm import VIRTUAL
 from nas_data.commands.record_ergojr import RecordErgojr
 from nas_data.commands.trial_ergojr import TrialErgojr
 from nas_data.hardware.xl320.arm import Xl320
@@ -17,6 +18,8 @@ from nas_data.studies.trial.recorder import ChangeNotMade
 
 if TYPE_CHECKING:
     from nas_data.hardware.arms.base import Driver
+
+UNIMPORTANT = ("json", "out", "model", "port", "lockstep")  # options that do not change a recording
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +47,7 @@ class RecordedErgojr:
     @property
     def name(self) -> str:
         """Name of the arm."""
-        return f"{self.options.id} on port {self.options.port}"
+        return "a virtual ErgoJr" if self.options.port == VIRTUAL else self.options.id
 
     @property
     def mass(self) -> float:
@@ -53,28 +56,29 @@ class RecordedErgojr:
 
     def describe(self) -> Mapping[str, object]:
         """Return the settings of the recordings for JSON."""
-        own = {key: value for key, value in vars(self.options).items() if key not in ("json", "out", "model")}
+        own = {key: value for key, value in vars(self.options).items() if key not in UNIMPORTANT}
         return {**own, "effect": list(self.options.effect), "calibration": str(self.options.calibration or "")}
 
-    def record_baseline(self, folder: Path) -> None:
+    def record_baseline(self, folder: Path) -> Sequence[str]:
         """Record the arm as it is."""
-        self._record(folder, Adjustment())
+        return self._record(folder, Adjustment())
 
-    def record_change(self, folder: Path, change: KnownChange, arm: TestedArm) -> None:
+    def record_change(self, folder: Path, change: KnownChange, arm: TestedArm) -> Sequence[str]:
         """Record the arm with a change; see `ArmRecorder.record_change`."""
         command = self._command(folder, Adjustment())
         adjustment = Adjustment.of(change, arm, command.configuration)
-        if not adjustment.mass:
-            self._record(folder, adjustment)
-        elif command.virtual:
-            self._record(folder, adjustment, (f"payload:mass={adjustment.mass}",))
-        else:
+        if adjustment.mass and command.virtual:
+            return self._record(folder, adjustment, (f"payload:mass={adjustment.mass}",))
+        if adjustment.mass:
             ask(f"Hang {1000 * adjustment.mass:g} g on the last link.", f"{change.name} was left out.")
-            self._record(folder, adjustment)
-            ask("Take the mass off.", "")
+        try:
+            return self._record(folder, adjustment)
+        finally:
+            if adjustment.mass:
+                ask("Take the mass off.", "")
 
-    def _record(self, folder: Path, adjustment: Adjustment, effects: tuple[str, ...] = ()) -> None:
-        self._command(folder, adjustment, effects).run()
+    def _record(self, folder: Path, adjustment: Adjustment, effects: tuple[str, ...] = ()) -> Sequence[str]:
+        return self._command(folder, adjustment, effects).run().text.splitlines()
 
     def _command(self, folder: Path, adjustment: Adjustment, effects: tuple[str, ...] = ()) -> RecordChangedErgojr:
         options = self.options
@@ -91,7 +95,7 @@ class RecordedErgojr:
             excitation=options.excitation,
             seed=options.seed,
             effect=(*options.effect, *effects),
-            lockstep=options.lockstep and options.port == "virtual",
+            lockstep=options.lockstep and options.port == VIRTUAL,
             blind=True,
             out=folder,
             adjustment=adjustment,

@@ -126,14 +126,10 @@ def record_baseline(work: TrialWork) -> StageResult:
     return record_once(work, BASELINE, work.plan.recorder.record_baseline)
 
 
-def record_once(work: TrialWork, name: str, record: Callable[[Path], None]) -> StageResult:
+def record_once(work: TrialWork, name: str, record: Callable[[Path], Sequence[str]]) -> StageResult:
     """Record into a folder, unless an interrupted run has completed this recording."""
     folder = work.folder / name
-    if not (folder / INFO).is_file():
-        record(folder)
-    dataset = read(folder)
-    seconds = dataset.n_frames / dataset.fps
-    return StageResult([f"{dataset.n_episodes} episodes, {seconds:.0f} s → {folder}"], {})
+    return StageResult([f"{folder} is complete"] if (folder / INFO).is_file() else record(folder), {})
 
 
 def name_baseline(work: TrialWork) -> StageResult:

@@ -1,6 +1,6 @@
 """Interface of what a trial records with: an arm that can be recorded as it is, and with a known change."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -25,11 +25,11 @@ class ArmRecorder(Protocol):
     def describe(self) -> Mapping[str, object]:
         """Return the settings of the recordings for JSON."""
 
-    def record_baseline(self, folder: Path) -> None:
-        """Record the arm as it is into a folder; raises NasError."""
+    def record_baseline(self, folder: Path) -> Sequence[str]:
+        """Record the arm as it is into a folder; return lines about the recording. Raises NasError."""
 
-    def record_change(self, folder: Path, change: KnownChange, arm: TestedArm) -> None:
-        """Record the arm with a change into a folder, whose metadata do not tell the change.
+    def record_change(self, folder: Path, change: KnownChange, arm: TestedArm) -> Sequence[str]:
+        """Record the arm with a change into a folder, whose metadata do not tell the change; return lines about it.
 
         Raises:
             ChangeNotMade: it cannot be made.

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from nas_data.api.recording import record
+from nas_data.count_of import count_of
 from nas_data.dataset.origin import describe
 from nas_data.dataset.versions import save
 from nas_data.effects.base import Effect, add_effects, parse
@@ -60,20 +61,20 @@ class SimulatedArm:
         """Return the settings of the recordings for JSON."""
         return {**vars(self), "effects": list(self.effects)}
 
-    def record_baseline(self, folder: Path) -> None:
+    def record_baseline(self, folder: Path) -> Sequence[str]:
         """Record the arm with its own effects."""
-        self._record(folder, ())
+        return self._record(folder, ())
 
-    def record_change(self, folder: Path, change: KnownChange, arm: TestedArm) -> None:
+    def record_change(self, folder: Path, change: KnownChange, arm: TestedArm) -> Sequence[str]:
         """Record the arm with a change; see `ArmRecorder.record_change`."""
         expected = change.expect(arm)
         try:
             add_effects(find_robot(self.robot).spec(), [*map(parse, self.effects), expected])
         except ModelFileError as error:
             raise ChangeNotMade(str(error)) from None
-        self._record(folder, (expected,))
+        return self._record(folder, (expected,))
 
-    def _record(self, folder: Path, changes: Sequence[Effect]) -> None:
+    def _record(self, folder: Path, changes: Sequence[Effect]) -> Sequence[str]:
         dataset = record(
             self.robot,
             effects=[*self.effects, *changes],
@@ -87,3 +88,6 @@ class SimulatedArm:
         )
         provenance, _ = describe(dataset)
         save(dataset, provenance, out=folder)
+        return [
+            f"{count_of(dataset.n_episodes, 'episode')}, {dataset.n_frames / dataset.fps:.0f} s of motion → {folder}"
+        ]
