@@ -142,7 +142,7 @@ def name_baseline(work: TrialWork) -> StageResult:
 def name_recording(work: TrialWork, name: str, model: str) -> GapReport:
     """Run `nas gap` on a recording, with its own progress."""
     say = RateLimited(lambda line: work.report(INDENT + textwrap.shorten(line, WIDTH, placeholder=" …")), PAUSE)
-    return investigate(work.folder / name, model, work.folder / gap_folder(name), say)
+    return investigate(work.folder / name, model, work.folder / gap_folder(name), say, propose=False)
 
 
 def record_change(work: TrialWork, change: KnownChange) -> StageResult:
