@@ -70,7 +70,7 @@ def test_registers_hold_the_sizes():
     own = Configuration(speed=0.0, p_gain=40, torque=0.8)
     made = {change.name: Adjustment.of(change, ARM, own) for change in KNOWN}
     assert made["soft"].registers == {"p_gain": 20}
-    assert made["weak"].registers == {"torque_limit": 327}  # 0.08 of 0.2 N·m, of 0.8 · 1023
+    assert made["weak"].registers == {"torque_limit": 286}  # 0.07 of 0.2 N·m, of 0.8 · 1023
     assert made["slow_base"].registers == {"moving_speed": 86}  # 1 rad/s in units of 0.111 rpm
     assert (made["late"].periods, made["shifted"].shift, made["loaded"].mass) == (3, 0.06, 0.02)
 

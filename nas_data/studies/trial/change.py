@@ -106,7 +106,7 @@ CHANGES = (
     ),
     KnownChange(
         name="weak", does="torque limit lowered", effect="torque_limit", parameter="torque",
-        joint=2, size=0.8, of="torque", register="torque_limit",
+        joint=2, size=0.7, of="torque", register="torque_limit",
     ),
     KnownChange(
         name="slow_base", does="goal speed limited", effect="speed_limit", parameter="speed",
