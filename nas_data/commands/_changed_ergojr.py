@@ -67,6 +67,8 @@ class RecordedErgojr:
         """Record the arm with a change; see `ArmRecorder.record_change`."""
         command = self._command(folder, Adjustment())
         adjustment = Adjustment.of(change, arm, command.configuration)
+        if command.virtual and "punch" in adjustment.registers:
+            raise ChangeNotMade("virtual servos do not simulate their punch")
         if adjustment.mass and command.virtual:
             return self._record(folder, adjustment, (f"payload:mass={adjustment.mass}",))
         if adjustment.mass:

@@ -74,13 +74,10 @@ class KnownChange:
 
     @property
     def is_known(self) -> bool:
-        """Whether the catalogue holds the effect."""
-        return self.effect in registry.list_names("effects")
-
-    @property
-    def is_by_hand(self) -> bool:
-        """Whether a person has to make the change on a real arm."""
-        return self.of == "mass"
+        """Whether the catalogue holds the effect, and `nas gap` searches for it."""
+        if self.effect not in registry.list_names("effects"):
+            return False
+        return self.parameter not in getattr(find_effect(self.effect), "unsearched", ())
 
     @property
     def unit(self) -> str:
