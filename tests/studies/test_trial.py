@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,7 @@ from nas_data.studies.trial.changed_arm import Adjustment, ChangedXl320
 from nas_data.studies.trial.outcome import ChangeOutcome, TrialOutcome
 from nas_data.studies.trial.page import build
 from nas_data.studies.trial.plan import TrialPlan, run_trial
+from nas_data.studies.trial.recorder import ChangeNotMade
 from nas_data.studies.trial.simulated import SimulatedArm
 from nas_data.typed_json import from_json
 
@@ -73,6 +75,11 @@ def test_registers_hold_the_sizes():
     assert made["weak"].registers == {"torque_limit": 286}  # 0.07 of 0.2 N·m, of 0.8 · 1023
     assert made["slow_base"].registers == {"moving_speed": 86}  # 1 rad/s in units of 0.111 rpm
     assert (made["late"].periods, made["shifted"].shift, made["loaded"].mass) == (3, 0.06, 0.02)
+
+
+def test_a_torque_limit_needs_that_of_the_model():
+    with pytest.raises(ChangeNotMade, match="no torque limit in m3"):
+        Adjustment.of(find("weak"), replace(ARM, limits=np.full(6, np.inf)), Configuration())
 
 
 # the arm
@@ -144,7 +151,6 @@ def test_a_recording_of_a_changed_arm_does_not_tell_the_change(name, tmp_path, m
 
 def test_without_a_terminal_no_mass_is_hung_on(tmp_path):
     from nas_data.commands._changed_ergojr import ask
-    from nas_data.studies.trial.recorder import ChangeNotMade
 
     with pytest.raises(ChangeNotMade, match="person"):
         ask("Hang 20 g on the last link.", "loaded was left out.")
@@ -260,7 +266,7 @@ def test_a_trial_is_done_once_and_goes_on_where_it_stopped(tmp_path, searches):
     assert len(outcome.right_sizes) == len(outcome.changes) == len(KNOWN)
     stored = json.loads((folder / "trial.json").read_text())
     assert from_json(TrialOutcome, stored) == outcome
-    assert "of 8 named" in (folder / "report.html").read_text()
+    assert f"of {len(KNOWN)} named" in (folder / "report.html").read_text()
     assert not (read_provenance(folder / "soft").target or {}).get("effects")
     searches.clear()
     assert run_trial(plan, folder, lambda _: None) == outcome

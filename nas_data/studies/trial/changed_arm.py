@@ -12,6 +12,7 @@ from nas_data.hardware.xl320.arm import FULL, Configuration, Xl320, Xl320Arm
 from nas_data.hardware.xl320.control_table import encode_speed_limit
 from nas_data.log import warn
 from nas_data.studies.trial.change import KnownChange, TestedArm
+from nas_data.studies.trial.recorder import ChangeNotMade
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,11 +46,17 @@ class Adjustment:
 
 
 def encode(change: KnownChange, size: float, joint: str, arm: TestedArm, configuration: Configuration) -> int:
-    """Return the register value for the size [SI] of a change; gain and torque are relative to the baseline's."""
-    before = configuration.registers()
+    """Return the register value for the size [SI] of a change; gain and torque are relative to the baseline's.
+
+    Raises:
+        ChangeNotMade: the model has no torque limit, to which the register's is relative.
+    """
+    before, limit = configuration.registers(), float(arm.limits[arm.joints.index(joint)])
+    if change.register == "torque_limit" and not np.isfinite(limit):
+        raise ChangeNotMade(f"the baseline's model has no torque limit in {joint}")
     values: Mapping[str, float] = {
         "p_gain": size * before["p_gain"],
-        "torque_limit": size / float(arm.limits[arm.joints.index(joint)]) * before["torque_limit"],
+        "torque_limit": size / limit * before["torque_limit"],
         "moving_speed": encode_speed_limit(size),
         "punch": change.size * FULL,
     }
