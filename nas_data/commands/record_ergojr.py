@@ -78,17 +78,20 @@ class RecordErgojr(RecordArm):
     def driver(self) -> "Iterator[Driver]":
         """Yield the driver of the arm."""
         from nas_data.hardware.virtual_bus.process import port_of
+        from nas_data.hardware.virtual_bus.terminal import Options
         from nas_data.hardware.xl320.arm import Xl320
 
-        configuration = self._configuration()
-        with port_of(self.port, self.effect, self.fault, self.lockstep) as port:
+        configuration = self.configuration
+        with port_of(self.port, self.effect, self.fault, self.lockstep, Options(period=1 / self.rate)) as port:
             yield Xl320(port=port, joints=self._joints(), configuration=configuration)
 
     def simulated(self) -> str:
         """Return a phrase for the kind of virtual arm."""
         return "virtual XL-320 servos"
 
-    def _configuration(self) -> "Configuration":
+    @property
+    def configuration(self) -> "Configuration":
+        """Settings that are written to every servo."""
         from nas_data.hardware.xl320.arm import Configuration
 
         return Configuration(

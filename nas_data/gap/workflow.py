@@ -30,14 +30,26 @@ EXPERIMENT = "next_experiment.csv"
 
 
 def investigate(
-    dataset: str | Path, model: str | Path, out: str | Path, say: Report = silence, learn: int = 0
+    dataset: str | Path,
+    model: str | Path,
+    out: str | Path,
+    say: Report = silence,
+    learn: int = 0,
+    *,
+    propose: bool = True,
 ) -> GapReport:
     """Run the workflow on a dataset's folder; see `investigate_problem`."""
-    return investigate_problem(lambda: Problem.load(dataset, model), model, out, say, learn)
+    return investigate_problem(lambda: Problem.load(dataset, model), model, out, say, learn, propose=propose)
 
 
 def investigate_problem(
-    load: Callable[[], Problem], model: str | Path, out: str | Path, say: Report = silence, learn: int = 0
+    load: Callable[[], Problem],
+    model: str | Path,
+    out: str | Path,
+    say: Report = silence,
+    learn: int = 0,
+    *,
+    propose: bool = True,
 ) -> GapReport:
     """Run the workflow.
 
@@ -47,6 +59,7 @@ def investigate_problem(
         out: Folder of the report; an earlier report in it is replaced.
         say: Receives progress messages.
         learn: Number of updates of φ on the remaining gap; 0 for none.
+        propose: Whether to look for the experiment to record next.
 
     Returns:
         The report with the files of its folder.
@@ -64,7 +77,7 @@ def investigate_problem(
     check_portable(problem.train.nominal.spec, problem.train.nominal.robot.mjcf)
     say("find: where model and recording disagree")
     found = find_gap(problem)
-    return name_and_report(problem, found, folder, began, say, learn)
+    return name_and_report(problem, found, folder, began, say, learn, propose=propose)
 
 
 def find_gap(problem: Problem) -> GapFindings:
@@ -75,7 +88,14 @@ def find_gap(problem: Problem) -> GapFindings:
 
 
 def name_and_report(
-    problem: Problem, found: GapFindings, folder: Path, began: float, say: Report, learn: int
+    problem: Problem,
+    found: GapFindings,
+    folder: Path,
+    began: float,
+    say: Report,
+    learn: int,
+    *,
+    propose: bool = True,
 ) -> GapReport:
     """Name effects, write and score the model, and write the report."""
     if found.undecidable:
@@ -89,7 +109,7 @@ def name_and_report(
     if learn:
         say("learn: φ on the remaining gap")
         outcome = replace(outcome, learned=train_on_top(problem, outcome.model, learn, say))
-    experiment = propose_experiment(problem, named, folder, say) if naming.findings else Proposal()
+    experiment = propose_experiment(problem, named, folder, say) if propose and naming.findings else Proposal()
     report = compose(problem, found, naming, outcome, experiment, time.monotonic() - began)
     report = replace(report, made_from=record_origin(problem, folder, learn))
     write_difference(folder, problem.as_given, problem.names[1])

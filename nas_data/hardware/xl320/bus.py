@@ -18,6 +18,7 @@ BAUD = 1_000_000  # [bit/s] factory setting of an XL-320
 PATIENCE = 0.02  # [s] timeout of a reply in addition to its transmission time; USB latency timers take up to 16 ms
 WAIT = 0.002  # [s] read timeout
 WRITING = 0.2  # [s] write timeout
+VIRTUAL_WRITING = 1.0  # [s] the same with virtual servos: on a busy machine, their process may be scheduled late
 
 
 class Port(PortHandler):
@@ -30,7 +31,8 @@ class Port(PortHandler):
         """Open the port; see `open_port` for the errors."""
         if self.is_open:
             self.closePort()
-        self.ser = serial.Serial(self.port_name, cflag_baud, timeout=WAIT, write_timeout=WRITING, exclusive=True)
+        writing = VIRTUAL_WRITING if self.port_name.startswith(PSEUDO_TERMINALS) else WRITING
+        self.ser = serial.Serial(self.port_name, cflag_baud, timeout=WAIT, write_timeout=writing, exclusive=True)
         self.is_open = True
         self.tx_time_per_byte = 1e4 / cflag_baud  # [ms]
         return True
