@@ -77,7 +77,7 @@ class KnownChange:
         """Whether the catalogue holds the effect, and `nas gap` searches for it."""
         if self.effect not in registry.list_names("effects"):
             return False
-        return self.parameter not in getattr(find_effect(self.effect), "unsearched", ())
+        return self.parameter not in find_effect(self.effect).unsearched
 
     @property
     def unit(self) -> str:
