@@ -13,7 +13,8 @@ import pyarrow.parquet as pq
 import tyro
 from pages import HERE, markdown_table, render, write_page
 
-GIVEN = {"0.03", "0.2", "0.088", "0.29", "1.4", "0.5", "1.1", "2.5", "1.3", "0.6", "1.5", "0.8"}  # of cases, `SURE`
+# of cases, `SURE`
+GIVEN = {"0.03", "0.2", "0.088", "0.29", "1.4", "0.5", "1.1", "2.5", "1.3", "0.6", "1.5", "0.8", "0.9"}
 FAMILIES = {
     "one": "one effect",
     "two": "two effects",

@@ -11,7 +11,8 @@ from nas_data.effects.base import Effect, Parameter, Scales, find_joint_actuator
 from nas_data.effects.edits.band import add_sum
 from nas_data.effects.edits.passive import add_passive, set_bias
 from nas_data.effects.edits.servo import set_force_limit, set_joint_limit
-from nas_data.mjcf.actuator_lookup import BAND, CURVE
+from nas_data.errors import ModelFileError
+from nas_data.mjcf.actuator_lookup import BAND, CURVE, SHARED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,9 +67,15 @@ class MotorCurve(Effect):
 
         Raises:
             JointMismatch: no actuator drives the joint.
+            ModelFileError: its actuator drives other joints as well.
         """
         assert self.joint is not None
         actuator, joint, name = find_joint_actuator(spec, self.joint), spec.joint(self.joint), self.joint + CURVE
+        if actuator.target == self.joint + SHARED:
+            raise ModelFileError(
+                f"No motor curve can be added to '{self.joint}', because its actuator drives other joints as well; "
+                "give a model with an actuator for each joint."
+            )
         set_joint_limit(joint, self.stall_torque)
         if spec.actuator(self.joint + BAND) is None:
             set_force_limit(actuator, self.stall_torque)

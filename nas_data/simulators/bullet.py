@@ -10,7 +10,6 @@ import numpy as np
 
 from nas_data.effects.base import Effect
 from nas_data.effects.edits.hook import StepForces
-from nas_data.effects.edits.stops import YieldingStops
 from nas_data.errors import ModelFileError, SimulationDiverged
 from nas_data.mjcf.actuator_lookup import find_goal_joints
 from nas_data.robots.base import Robot, find_robot
@@ -19,6 +18,7 @@ from nas_data.simulators.compiled import CompiledRobot
 from nas_data.simulators.layout import INTEGRATION
 from nas_data.simulators.projection import Projection
 from nas_data.simulators.rest_states import RestStates
+from nas_data.simulators.yielding_stops import YieldingStops
 
 BOUND = 1e4  # [rad or rad/s] a larger state means divergence
 

@@ -6,8 +6,8 @@ from enum import IntEnum
 import mujoco
 import numpy as np
 
-from nas_data.effects.edits.stops import compute_stop_stiffness
 from nas_data.mjcf.actuator_lookup import BAND, DIRECT, GAIN, GOAL, START, START_BAND, find_slow_goals
+from nas_data.mjcf.stop_stiffness import compute_stop_stiffness
 from nas_data.simulators.controls import CONTROLLERS, read_length_feedback
 from nas_data.simulators.integrals import Integrals, compute_weight
 from nas_data.simulators.layout import Layout

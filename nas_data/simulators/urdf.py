@@ -6,7 +6,7 @@ from xml.etree import ElementTree as Xml
 import mujoco
 import numpy as np
 
-from nas_data.effects.edits.stops import find_yielding_stops
+from nas_data.simulators.yielding_stops import find_yielding_stops
 
 ROTOR = "_rotor"  # suffix of the link with a joint's reflected inertia
 LEAST_MASS = 1e-6  # [kg] mass of links without mass, which physics engines refuse

@@ -36,7 +36,7 @@ def written_case(folder: Path) -> Path:
     episodes = Episodes(commands, poses, true, SENSOR.positions(true, np.random.default_rng(0)))
     case = draw_case("none", "mujoco", 0, 0)
     write_case(replace(case, arm=arm, truth=truth, recorded=episodes, fresh=episodes, marks=(9.0,),
-                       marked_joints=("m3",)), folder / "case")  # fmt: skip
+                       marked_joints=("m3",), felt_joints=(("m3",),)), folder / "case")  # fmt: skip
     return folder / "case"
 
 

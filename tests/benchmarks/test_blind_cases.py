@@ -56,7 +56,7 @@ def test_each_family_hides_as_many_visible_effects_as_it_says(family):
 
 @pytest.mark.parametrize("setting", ["xl320", "any", "torque"])
 def test_every_joint_lacks_the_same_effect_in_about_the_same_size(setting, monkeypatch):
-    marks = EffectSizes((10.0,) * 7, (), np.empty(0))  # whatever is drawn can be seen
+    marks = EffectSizes((10.0,) * 7, (), np.empty(0), np.empty((0, 0)))  # whatever is drawn can be seen
     monkeypatch.setattr("nas_data.benchmarks.blind.draw.measure_marks", lambda *_: marks)
     identity = Identity(EVERY, "numpy", 1, 2, setting=setting)
     sort = find_setting(setting)

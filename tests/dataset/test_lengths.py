@@ -14,7 +14,8 @@ from nas_data.dataset.features import ACTION, STATE, make_position_feature, make
 from nas_data.dataset.transitions import as_transitions
 from nas_data.effects.base import parse
 from nas_data.errors import DatasetInvalid, JointMismatch
-from nas_data.gap.deliver import rms
+from nas_data.gap.deliver import Delivery
+from nas_data.gap.score_model import Prediction
 from nas_data.joint_units import average_by_kind, convert_hinge_unit, find_display_unit, format_table_unit
 from nas_data.metrics import Errors, format_error_table
 from nas_data.pairing import pair
@@ -136,8 +137,12 @@ def test_a_choice_among_models_is_not_the_hinges_alone():
     scales = average_by_kind(floor, ("j", "k", "g"), slides)
     np.testing.assert_allclose(scales, [1.5e-3, 1.5e-3, 1e-5])
     good_slide, good_hinges = np.array([[3e-3, 3e-3, 1e-5]]) ** 2, np.array([[2e-3, 2e-3, 5e-3]]) ** 2
-    evidence = SimpleNamespace(mean_squares=lambda predicted: predicted)
-    assert rms(evidence, good_slide, scales) < rms(evidence, good_hinges, scales)
+    one, other = (Prediction(np.empty(0), squares) for squares in (good_slide, good_hinges))
+    held = SimpleNamespace(
+        floor=floor, evidence=SimpleNamespace(joints=("j", "k", "g")), nominal=SimpleNamespace(slides=slides)
+    )
+    choice = Delivery(SimpleNamespace(held=held), None, Path(), None)
+    assert choice.rms(one) < choice.rms(other)
     hinges = average_by_kind(floor, ("j", "k", "g"), ())
     np.testing.assert_allclose(hinges, floor.mean())  # among joints of one kind the ranking is that of plain errors
 

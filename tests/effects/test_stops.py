@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nas_data.effects.base import add_effects, make_effect, parse
-from nas_data.effects.edits.stops import compute_stop_stiffness
+from nas_data.mjcf.stop_stiffness import compute_stop_stiffness
 from nas_data.simulators.initial_states import InitialLoad
 from nas_data.simulators.mujoco import MujocoSimulator
 

@@ -6,7 +6,8 @@ import pytest
 from support.simulator_samples import EACH_ENGINE
 from support.typical_effects import OF_OBJECTS, ON_ANY_ARM, typical
 
-from nas_data.errors import NasError
+from nas_data.effects.base import Effect
+from nas_data.errors import ModelFileError, NasError
 from nas_data.gap.finding.conditions import compute_torques, read_torque_limits
 from nas_data.robots.base import find_robot
 from nas_data.simulators.engines import load_simulator
@@ -100,13 +101,24 @@ def test_the_written_model_is_read_as_the_same_gripper(tmp_path):
     assert written.spec().compile().ntendon == robot.spec().compile().ntendon == 2
 
 
-# friction under load counts the torque on the joint itself, which is half of the servo's
-@pytest.mark.parametrize("name", [name for name in ON_ANY_ARM if name not in {*OF_OBJECTS, "load_friction"}])
+def rigid(name: str) -> Effect:
+    """Return an effect of the left finger; stops that yield feel the torque on that finger alone."""
+    return typical(name, joint="left", **({"stiffness": np.inf} if name == "backlash" else {}))
+
+
+def test_a_motor_curve_of_a_shared_drive_is_refused(tmp_path):
+    path = write(tmp_path, actuator=SERVO.format(on=SPLIT, kp=5, kv=0.2))
+    with pytest.raises(ModelFileError, match="because its actuator drives other joints as well"):
+        load_simulator(path, PERIOD, effects=(typical("motor_curve", joint="left"),), threads=1)
+
+
+# friction under load counts the torque on the joint itself, which is half of the servo's; a motor curve is refused
+@pytest.mark.parametrize("name", [n for n in ON_ANY_ARM if n not in {*OF_OBJECTS, "load_friction", "motor_curve"}])
 def test_each_effect_acts_as_on_a_servo_of_the_joint(tmp_path, name):
     rows = []
     for on in (SPLIT, 'joint="left"'):
         path = write(tmp_path, actuator=SERVO.format(on=on, kp=5, kv=0.2).replace("0.4", "0.02"))
-        gripper = load_simulator(path, PERIOD, effects=(typical(name, joint="left"),), threads=1)
+        gripper = load_simulator(path, PERIOD, effects=(rigid(name),), threads=1)
         rows.append(gripper.rollout(np.zeros((1, 2)), COMMANDS[None, :, None])[0, :, 0])
     # the constraint between the fingers gives way a little, and differently where the servo acts on one of them only
     assert np.abs(rows[0] - rows[1]).max() < 0.01

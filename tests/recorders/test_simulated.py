@@ -207,7 +207,7 @@ def test_a_joint_whose_range_leaves_zero_out_starts_within_it(folder, actuator, 
 def test_bad_input_is_one_sentence_and_writes_nothing(folder, capsys):
     assert "choose one of: ergo_shield, ergojr" in refused(capsys, "--robot", "r2d2")
     assert "no model file absent.xml" in refused(capsys, "--robot", "absent.xml")
-    assert "choose one of: backlash" in refused(capsys, "--effect", "gremlins")
+    assert "choose one of: acceleration_limit" in refused(capsys, "--effect", "gremlins")
     assert "m1, m2" in refused(capsys, "--effect", "backlash:joint=m9,half_width=0.1")
     assert "choose one of: babbling" in refused(capsys, "--excitation", "wobble")
     assert "rate" in refused(capsys, "--rate", "0")
