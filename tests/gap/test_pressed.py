@@ -112,6 +112,7 @@ def named(load: str, plain: str) -> Naming:
     return Naming((), found, nothing, FinalFit((stand_in,), {}, ({},)), (), free, freed, {})
 
 
+@pytest.mark.slow
 def test_what_needs_fine_steps_in_a_file_is_fitted_with_them(tmp_path: Path):
     load = "load_friction:joint=m5,ratio=0.42"
     fine = mujoco.MjSpec.from_file(str(ergojr.ROBOT.mjcf))
