@@ -174,12 +174,12 @@ def compute_deviations(task: FitTask, found: Fit) -> tuple[np.ndarray, np.ndarra
     In the curvature, rows within `CORRELATION` count as one, because errors of a rollout are correlated.
     """
     size, episodes = len(found.jacobian), len(task.evidence)
-    weights = task.weights(found.predicted) * task.evidence.mask[..., None]
-    (errors, _), (columns, start_columns) = task.errors(found.predicted), task.absorb_change(found.jacobian)
-    rows, starts = (columns * weights).reshape(size, episodes, -1), start_columns.reshape(size, -1)
-    flat = rows.reshape(size, -1)
+    hessian, _ = build_normal_equations(task, found.predicted, found.jacobian)
     prior = np.diag(found.parameters.prior_weights(found.theta) ** 2)
-    inverse = np.linalg.inv(flat @ flat.T + starts @ starts.T + prior + 1e-9 * np.eye(size))
+    inverse = np.linalg.inv(hessian + prior + 1e-9 * np.eye(size))
+    weights = task.weights(found.predicted) * task.evidence.mask[..., None]
+    (errors, _), (columns, _) = task.errors(found.predicted), task.absorb_change(found.jacobian)
+    rows = (columns * weights).reshape(size, episodes, -1)
     episode_steps = inverse @ np.einsum("pet,et->pe", rows, (errors * weights).reshape(episodes, -1))
     by_episode = np.sqrt((episode_steps**2).sum(1) * episodes / max(1, episodes - 1))
     return np.sqrt(np.clip(np.diag(inverse), 0.0, None)), by_episode

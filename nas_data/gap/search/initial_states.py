@@ -72,24 +72,6 @@ class StartResponse:
         return np.asarray(errors + np.einsum("cetn,...ec->...etn", self._scaled, steps, optimize=True))
 
 
-def solve_initial_states(errors: np.ndarray, jacobian: np.ndarray, deviations: np.ndarray) -> np.ndarray:
-    """Return the changes of c initial coordinates that minimise weighted errors and prior, shape (E, c).
-
-    Args:
-        errors: Weighted errors, shape (E, T, n).
-        jacobian: Weighted derivatives of the positions by the coordinates, shape (c, E, T, n).
-        deviations: Standard deviations of the coordinates, shape (E, c); 0 if certain.
-    """
-    change = np.zeros(deviations.shape)
-    for episode, deviation in enumerate(deviations):
-        free = np.flatnonzero(deviation > 0)
-        if len(free):
-            rows = jacobian[free, episode].reshape(len(free), -1) * deviation[free][:, None]
-            scaled = np.linalg.solve(rows @ rows.T + np.eye(len(free)), -rows @ errors[episode].ravel())
-            change[episode, free] = deviation[free] * np.clip(scaled, -MAX_START_CHANGE, MAX_START_CHANGE)
-    return change
-
-
 def measure_deviations(changes: np.ndarray, deviations: np.ndarray) -> np.ndarray:
     """Return changes of initial states over their standard deviations, same shape; 0 where the state is certain."""
     return np.asarray(changes / np.where(deviations > 0, deviations, np.inf))

@@ -13,7 +13,7 @@ from nas_data.gap.integrator import find_whole_step
 from nas_data.gap.nominal import Nominal, find_fine_timestep, with_timestep
 from nas_data.gap.nominal_parameters import scale_base_parameters
 from nas_data.gap.search.constants import CORRELATION, ERROR_SHARE, GAIN_SHARE, MAX_ROUNDS, PRICE
-from nas_data.gap.search.initial_states import StartResponse, measure_prior, solve_initial_states
+from nas_data.gap.search.initial_states import MAX_START_CHANGE, StartResponse, measure_prior
 from nas_data.gap.search.parameters import FreeParameters
 
 MULTIPLES = (4, 2)  # multiples of the model's timestep for rollouts of a search, tried in this order
@@ -186,15 +186,15 @@ class FitTask:
             shift[:, column] = np.maximum(deviations[:, column], 1e-6)
             change = self.roll_out(part.with_start_changes(before + shift), effects, factors) - predicted
             jacobian[column] = change / shift[:, column][:, None, None] * part.mask[..., None]
-        weights = alone.weights(predicted)
-        errors = part.errors(predicted) - np.einsum("cetn,ec->etn", jacobian, before)  # at the estimates
-        after = solve_initial_states(errors * weights, jacobian * weights, deviations)
+        response = StartResponse(jacobian, alone.weights(predicted), before, deviations)
+        _, scaled = response.absorb(part.errors(predicted))
+        after = deviations * np.clip(scaled, -MAX_START_CHANGE, MAX_START_CHANGE)
         reached = self.roll_out(part.with_start_changes(after), effects, factors)
         gains = (alone.misfits(predicted) - alone.misfits(reached)).sum(1)
         gains += measure_prior(before, deviations) - measure_prior(after, deviations)
         changes = np.where(gains[:, None] > 0, after, before)
         weights = alone.weights(np.where((gains > 0)[:, None, None], reached, predicted))
-        response = StartResponse(jacobian, weights, changes, deviations)
+        response = replace(response, weights=weights, changes=changes)
         moved = replace(self, evidence=part.with_start_changes(changes), start_response=response)
         return moved, float(np.maximum(gains, 0.0).sum())
 

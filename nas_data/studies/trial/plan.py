@@ -217,7 +217,7 @@ def collect(work: TrialWork) -> TrialOutcome:
         skipped=(
             *(f"{change.name}: {data['skipped']}" for change, data in made.items() if "skipped" in data),
             *(
-                f"{change.name}: `nas gap` does not search for {change.effect}."
+                f"{change.name}: nas gap does not search for {change.effect}"
                 for change in CHANGES
                 if not change.is_known
             ),
