@@ -239,6 +239,13 @@ def build_normal_equations(task: FitTask, predicted: np.ndarray, jacobian: np.nd
     return rows @ rows.T, rows @ np.concatenate([(errors * weights).ravel(), starts.ravel()])
 
 
+def compute_inverse_hessian(task: FitTask, found: Fit) -> np.ndarray:
+    """Return (JᵀWJ + prior)⁻¹ of a fit, shape (size, size)."""
+    hessian, _ = build_normal_equations(task, found.predicted, found.jacobian)
+    prior = np.diag(found.parameters.prior_weights(found.theta) ** 2)
+    return np.asarray(np.linalg.pinv(hessian + prior + 1e-9 * np.eye(len(hessian))))
+
+
 def take_step(
     task: FitTask,
     parameters: FreeParameters,

@@ -81,6 +81,7 @@ class FitTask:
         moved_by_base: Joints that bounded base parameters move, by parameter, if known.
         moved_by_joint: Joints that effects and freed parameters move, by their joint, if known.
         start_response: Response to the initial states; None if all are certain, or none was measured.
+        row_weights: Weights of the errors, shape (E, T, n), or 1; see `find_row_weights`.
         objective: Number of the objective; episodes and tolerance define another one.
     """
 
@@ -94,14 +95,18 @@ class FitTask:
     moved_by_base: MovedJoints = field(default_factory=dict, compare=False)
     moved_by_joint: MovedJoints = field(default_factory=dict, compare=False)
     start_response: StartResponse | None = field(default=None, compare=False)
+    row_weights: np.ndarray | float = field(default=1.0, compare=False)
     objective: int = field(default_factory=lambda: next(OBJECTIVES), compare=False)
 
     def select(self, episodes: Sequence[int] | np.ndarray) -> "FitTask":
         """Return the task with some of its episodes."""
-        correction = self.correction if isinstance(self.correction, float) else self.correction[list(episodes)]
-        response = self.start_response and self.start_response.select(episodes)
-        part = replace(self, evidence=self.evidence.select(episodes), correction=correction, start_response=response)
-        return part.with_new_objective()
+        chosen = list(episodes)
+        correction, weights = (
+            rows if isinstance(rows, float) else rows[chosen] for rows in (self.correction, self.row_weights)
+        )
+        response = self.start_response and self.start_response.select(chosen)
+        part = replace(self, evidence=self.evidence.select(chosen), correction=correction, start_response=response)
+        return replace(part, row_weights=weights).with_new_objective()
 
     def with_tolerance_of(self, other: "FitTask") -> "FitTask":
         """Return the task with tolerance and objective of another, so that their misfits can be added."""
@@ -123,6 +128,11 @@ class FitTask:
         )
         assert nominal is not None
         return replace(self, nominal=nominal, coarse_model=coarse).with_new_objective()
+
+    @property
+    def is_chaotic(self) -> bool:
+        """Whether some rows have little weight, because their motion cannot be predicted."""
+        return bool(np.any(np.less(self.row_weights, 1.0)))
 
     @property
     def tolerance(self) -> np.ndarray:
@@ -295,7 +305,7 @@ class FitTask:
         return np.asarray(0.5 * self.observations * np.log(self.tolerance + self.mean_squares(predicted)))
 
     def errors(self, predicted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return errors from the most likely initial states, to first order; see `StartResponse.absorb`.
+        """Return weighted errors from the most likely initial states, to first order; see `StartResponse.absorb`.
 
         Args:
             predicted: Positions from the task's initial states [rad; m], shape (E, T, n).
@@ -305,15 +315,17 @@ class FitTask:
         """
         errors = self.evidence.errors(predicted)
         if self.start_response is None:
-            return errors, np.zeros((len(errors), 0))
-        return self.start_response.absorb(errors)
+            return errors * self.row_weights, np.zeros((len(errors), 0))
+        errors, deviations = self.start_response.absorb(errors)
+        return errors * self.row_weights, deviations
 
     def absorb_change(self, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what a change of the positions, shape (…, E, T, n), changes in both results of `errors`."""
         change = change * self.evidence.mask[..., None]
         if self.start_response is None:
-            return change, np.zeros((*change.shape[:-2], 0))
-        return self.start_response.absorb_change(change)
+            return change * self.row_weights, np.zeros((*change.shape[:-2], 0))
+        change, deviations = self.start_response.absorb_change(change)
+        return change * self.row_weights, deviations
 
     def mean_squares(self, predicted: np.ndarray) -> np.ndarray:
         """Return the mean squared error of each episode and joint [rad²; m²], shape (E, n); see `errors`."""

@@ -10,6 +10,7 @@ from nas_data.gap.floor import compute_floor_ratios
 from nas_data.gap.search.constants import (
     AT_FLOOR,
     EXPLAINED,
+    FAR_ABOVE,
     FAR_BEHIND,
     MAX_LEADERS,
     MAX_ROUNDS,
@@ -28,6 +29,7 @@ from nas_data.gap.search.hypothesis import (
     reuse_jacobian,
 )
 from nas_data.gap.search.objective import FitTask, Score
+from nas_data.gap.search.row_weights import weigh_rows
 from nas_data.gap.search.scales import estimate_scales
 from nas_data.gap.search.screen import Candidate, Changes, screen
 from nas_data.gap.search.timestep import choose_timestep
@@ -180,9 +182,16 @@ class Search:
             better = self.fit_round(h)
             gained = self.null.score.over(better.score)
             if self.rescore(h).score.over(better.score) < max(FAR_BEHIND, NEGLIGIBLE_GAIN * gained):
-                return better
+                return self.settle(better)
             h = min(better, self.fit_anew(better), key=lambda one: one.score)
         return h
+
+    def settle(self, h: Hypothesis) -> Hypothesis:
+        """Return a hypothesis, or its fit from the model's own parameters if that is better and the motion chaotic.
+
+        A fit to chaotic motion stops at any of many minima.
+        """
+        return min(h, self.fit_anew(h), key=lambda one: one.score) if self.task.is_chaotic else h
 
     def fit_anew(self, h: Hypothesis) -> Hypothesis:
         """Fit a hypothesis from its effects and the model's own bounded parameters."""
@@ -194,13 +203,23 @@ class Search:
 
         Columns of bounded parameters are measured again only when the misfit has fallen far since the last time.
         """
+        start = self.weigh_rows(h)
         self.task = self.task.relinearise(h.fit.parameters, h.fit.theta)
         parameters = h.fit.parameters
         known = {c: rows for c, rows in enumerate(h.fit.jacobian) if not is_effect_or_freed(parameters, c)}
         if self.task.misfit(self.measured_at) > self.task.misfit(h.fit.predicted) + FAR_BEHIND:
             known, self.measured_at = {}, h.fit.predicted
-        found = fit(self.task, parameters, h.fit.theta, known, steps=5, jacobian_refreshes=1)
+        found = fit(self.task, parameters, start, known, steps=5, jacobian_refreshes=1)
         return self.update_objective(h.description, found or h.fit)
+
+    def weigh_rows(self, h: Hypothesis) -> np.ndarray:
+        """Weigh rows by how well a hypothesis predicts them, once no joint is far from explained; return its start."""
+        if self.floor_ratios(h).max() > FAR_ABOVE:
+            self.task, self.held = replace(self.task, row_weights=1.0), replace(self.held, row_weights=1.0)
+            return h.fit.theta
+        weighed = weigh_rows(self.task, self.held, h.fit)
+        self.task, self.held = weighed.fitted, weighed.held
+        return weighed.start
 
     def update_objective(self, description: Description, found: Fit) -> Hypothesis:
         """Choose the physics steps with the lower loss for a fit, and score all kept hypotheses again."""

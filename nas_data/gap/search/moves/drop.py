@@ -8,7 +8,7 @@ from nas_data.count_of import count_of
 from nas_data.effects.base import Effect
 from nas_data.gap.nominal_parameters import NominalParameter, read_own_value
 from nas_data.gap.search.constants import FAR_BEHIND, LARGE_SIZE, PRICE, SHORTLIST
-from nas_data.gap.search.fit import MAX_STEP, build_normal_equations
+from nas_data.gap.search.fit import MAX_STEP, compute_inverse_hessian
 from nas_data.gap.search.hypothesis import Description, Hypothesis, compute_effect_price, effect_key
 from nas_data.gap.search.parameters import FreeParameters
 from nas_data.gap.search.plain_fit import EFFECT_OF_PARAMETER, convert_to_factor
@@ -52,7 +52,7 @@ def drop_one(search: Search, h: Hypothesis) -> Hypothesis:
         if together is not None and together.is_finite and together.score < best.score:
             return together
     if not spare and best.description != Description():  # the model alone has converged already
-        best = search.fit_further(best)
+        best = search.settle(search.fit_further(best))
     return best if best.score < h.score else h
 
 
@@ -108,22 +108,13 @@ def compensate(search: Search, h: Hypothesis, gone: list[Part]) -> tuple[tuple[E
     If the removed parameters change by δ, all change by H⁻¹ₐₖ [(H⁻¹)ₖₖ]⁻¹ δ (Hassibi and Stork, 1993).
     """
     parameters, theta = h.fit.parameters, h.fit.theta
-    inverse = compute_inverse_hessian(search, h)
+    inverse = compute_inverse_hessian(search.task, h.fit)
     changes = {c: change for part in gone for c, change in compute_removal_steps(search, h, part).items()}
     columns = list(changes)
     multipliers = np.linalg.pinv(inverse[np.ix_(columns, columns)]) @ np.array(list(changes.values()))
     moved = theta + np.clip(inverse[:, columns] @ multipliers, -MAX_STEP, MAX_STEP)
     moved = np.clip(moved, *parameters.bounds())
     return parameters.effects_at(moved), parameters.factors_at(moved)
-
-
-def compute_inverse_hessian(search: Search, h: Hypothesis) -> np.ndarray:
-    """Return (JᵀWJ + prior)⁻¹ of a hypothesis, shape (size, size)."""
-    parameters, theta = h.fit.parameters, h.fit.theta
-    hessian, _ = build_normal_equations(search.task, h.fit.predicted, h.fit.jacobian)
-    return np.asarray(
-        np.linalg.pinv(hessian + np.diag(parameters.prior_weights(theta) ** 2) + 1e-9 * np.eye(len(theta)))
-    )
 
 
 def compute_removal_steps(search: Search, h: Hypothesis, part: Part) -> dict[int, float]:
@@ -142,7 +133,7 @@ def estimate_losses(search: Search, h: Hypothesis) -> dict[Part, float]:
     With δ as in `compensate`, it is ½ δᵀ [(H⁻¹)ₖₖ]⁻¹ δ, H = JᵀWJ + prior (Hassibi and Stork, 1993). If a base parameter
     within its bounds can stand for the part, it is that parameter's prior.
     """
-    inverse = compute_inverse_hessian(search, h)
+    inverse = compute_inverse_hessian(search.task, h.fit)
 
     def loss(part: Part) -> float:
         if found := find_replacement(search, h, part):
