@@ -1,13 +1,14 @@
 """Servo registers that a recording holds, as changes of the model: what is known is not inferred."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import mujoco
 
 from nas_data.count_of import join_items
 from nas_data.dataset.provenance import Provenance
+from nas_data.effects.base import find_joint_actuator
 from nas_data.effects.edits.servo import find_position_servo, scale_limit, scale_stiffness
 from nas_data.effects.speed_limit import SpeedLimit
 from nas_data.errors import ModelFileError
@@ -63,25 +64,37 @@ class ServoRegisters:
         Raises:
             ModelFileError: the model states the position gain of a joint that has no position servo.
         """
-        if not self.select_stated(robot).values:
+        stated = self.select_stated(robot)
+        if not stated.values:
             return robot
-        return replace(robot, edit=ConsecutiveEdits(robot.edit, RegisterEdit(self.values, robot)))
+        return replace(robot, edit=ConsecutiveEdits(robot.edit, RegisterEdit(stated, robot)))
 
     def describe(self, robot: Robot) -> tuple[str, ...]:
         """Return sentences: what `set_in` changes in a robot's model, and which registers it cannot use."""
-        stated, spec = self.select_stated(robot).values, robot.spec()
+        if not self.values and not self.changing:
+            return ()
+        spec = robot.spec()
         changes: dict[str, list[str]] = {}
-        for name, values in stated.items():
-            for joint, value in values.items():
-                own = read_stated(spec, robot, name, joint)
-                if own is not None and value != own:
-                    changes.setdefault(_describe_change(name, value, own), []).append(joint)
+        unknown: dict[str, None] = {}
+        filtered: list[str] = []
+        for name, joint, value in self:
+            own = read_stated(spec, robot, name, joint)
+            if own is None:
+                unknown[name] = None
+            elif value != own and not can_set(spec, name, joint):
+                filtered.append(joint)
+            elif value != own:
+                changes.setdefault(_describe_change(name, value, own), []).append(joint)
         sentences = [f"As the recording's registers say, {text} in {', '.join(its)}." for text, its in changes.items()]
-        unknown = [name for name in self.values if name not in stated]
         if unknown:
             sentences.append(
-                f"The recording's registers {join_items(unknown)} are not used, because the model does not state those "
-                f'of its own: add <custom><numeric name="{unknown[0]}" data="…"/></custom> to it.'
+                f"The recording's registers {join_items(list(unknown))} are not used, because the model does not state "
+                f'those of its own: add <custom><numeric name="{next(iter(unknown))}" data="…"/></custom> to it.'
+            )
+        if filtered:
+            sentences.append(
+                f"The recording's register {SPEED} is not used in {', '.join(filtered)}, because the model's servo "
+                "filters its command."
             )
         if self.changing:
             sentences.append(
@@ -91,15 +104,21 @@ class ServoRegisters:
         return tuple(sentences)
 
     def select_stated(self, robot: Robot) -> "ServoRegisters":
-        """Return the registers for which a robot's model states its own values; only these can be set."""
+        """Return the registers that can be set in a robot's model, because it states its own values."""
         if not self.values:
             return ServoRegisters()
-        spec = robot.spec()
-        known = {
-            name: {joint: v for joint, v in values.items() if read_stated(spec, robot, name, joint) is not None}
-            for name, values in self.values.items()
-        }
-        return ServoRegisters({name: values for name, values in known.items() if values})
+        spec, found = robot.spec(), dict[str, dict[str, float]]()
+        for name, joint, value in self:
+            own = read_stated(spec, robot, name, joint)
+            if own is not None and (value == own or can_set(spec, name, joint)):
+                found.setdefault(name, {})[joint] = value
+        return ServoRegisters(found)
+
+    def __iter__(self) -> Iterator[tuple[str, str, float]]:
+        """Yield register, joint and value."""
+        for name, values in self.values.items():
+            for joint, value in values.items():
+                yield name, joint, value
 
 
 NO_REGISTERS = ServoRegisters()
@@ -110,23 +129,20 @@ class RegisterEdit:
     """A model edit that sets registers.
 
     Attributes:
-        values: Value by register and joint.
+        registers: Registers that the model states.
         robot: Robot of the model before the edit.
     """
 
-    values: Values
+    registers: ServoRegisters
     robot: Robot
 
     def __call__(self, spec: mujoco.MjSpec) -> None:
         """Edit a model."""
-        for name, values in self.values.items():
-            for joint, value in values.items():
-                own = read_stated(spec, self.robot, name, joint)
-                if own is None:
-                    continue
-                if value != own:
-                    CHANGES[name](spec, joint, value, own)
-                state(spec, name, joint, value)
+        for name, joint, value in self.registers:
+            own = read_stated(spec, self.robot, name, joint)
+            if own is not None and value != own:
+                CHANGES[name](spec, joint, value, own)
+            state(spec, name, joint, value)
 
 
 def read_stated(spec: mujoco.MjSpec, robot: Robot, register: str, joint: str) -> float | None:
@@ -135,10 +151,12 @@ def read_stated(spec: mujoco.MjSpec, robot: Robot, register: str, joint: str) ->
     Raises:
         ModelFileError: the model states a gain or torque that is not a positive number.
     """
+    if spec.joint(joint) is None:
+        return None
     found = (spec.numeric(f"{joint}_{register}"), spec.numeric(register))
     number = next((each for each in found if each is not None), None)
     if number is None:
-        return None if spec.joint(joint) is None else dict(robot.registers).get(register)
+        return dict(robot.registers).get(register)
     value = float(number.data[0])
     if not 0 < value < math.inf and register != SPEED:
         raise ModelFileError(
@@ -152,6 +170,12 @@ def state(spec: mujoco.MjSpec, register: str, joint: str, value: float) -> None:
     name = f"{joint}_{register}"
     number = spec.numeric(name) or spec.add_numeric(name=name, size=1, data=[0.0])
     number.data = [value]
+
+
+def can_set(spec: mujoco.MjSpec, register: str, joint: str) -> bool:
+    """Whether a joint's servo can have another value of a register: one that filters commands has no speed limit."""
+    plain = (mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtDyn.mjDYN_PID)
+    return register != SPEED or find_joint_actuator(spec, joint).dyntype in plain
 
 
 def scale_gain(spec: mujoco.MjSpec, joint: str, value: float, own: float) -> None:
@@ -172,6 +196,8 @@ def limit_speed(spec: mujoco.MjSpec, joint: str, value: float, own: float) -> No
         parameters = servo.dynprm.copy()
         parameters[1] = 0.0  # of two limits the lower one would hold
         servo.dynprm = parameters
+        if not servo.gainprm[0]:  # without an integral, nothing is left to remember, which MuJoCo refuses
+            servo.dyntype = mujoco.mjtDyn.mjDYN_NONE
     if speed := decode_speed(value):
         SpeedLimit(joint=joint, speed=speed).edit(spec)
 
