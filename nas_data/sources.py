@@ -3,7 +3,7 @@
 import json
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from nas_data.dataset.dataset import Dataset
@@ -13,9 +13,10 @@ from nas_data.errors import ModelFileError
 from nas_data.log import hide_warnings
 from nas_data.mjcf.strip_meshes import count_colliding_geoms, format_exact_xml, needs_files, strip_meshes
 from nas_data.pairing import check_source
-from nas_data.robots.base import Robot, list_slide_joints
+from nas_data.robots.base import Robot, find_robot, list_slide_joints
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.engines import ENGINES, load_simulator
+from nas_data.simulators.servo_registers import ServoRegisters
 
 MODEL, EFFECTS = Path(SOURCE).name, Path(SOURCE_EFFECTS).name
 
@@ -103,6 +104,13 @@ class SourceModel:
     def modules(self) -> tuple[str, ...]:
         """Return the modules of this package that determine its motion, for `code_hash`."""
         return (f"nas_data.simulators.{self.engine}", *(type(effect).__module__ for effect in self.effects))
+
+    def with_registers(self, registers: ServoRegisters) -> "SourceModel":
+        """Return the source with the servo registers of a recording; PyBullet's stays as it is."""
+        if self.engine != ENGINES[0]:
+            return self
+        robot = self.model if isinstance(self.model, Robot) else find_robot(self.model)
+        return replace(self, model=registers.set_in(robot))
 
     def simulator(self, dataset: Dataset, threads: int | None = None) -> Simulator:
         """Build the simulator for a dataset's joints and rate; on all cores if `threads` is None."""

@@ -20,6 +20,7 @@ from nas_data.api.learned_model import LearnedModel
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import kept_folders
 from nas_data.errors import ModelFileError, NasError, OptionError
+from nas_data.gap.problem import read_registers
 from nas_data.log import warn
 from nas_data.models import checkpoint
 from nas_data.models.evaluation import PLAIN, Evaluation
@@ -28,6 +29,7 @@ from nas_data.pairing import warn_of_overlaps, warn_of_ranges
 from nas_data.robots.base import find_robot, list_robot_names
 from nas_data.runs.progress import silence
 from nas_data.simulators.base import Simulator
+from nas_data.simulators.servo_registers import NO_REGISTERS
 from nas_data.sources import SourceModel, locate_source
 
 MUJOCO = "mujoco"
@@ -81,16 +83,19 @@ def evaluate(
         if model_to_test is not None:
             checkpoint.check_fits(model_to_test.network, recorded, own[0])
         source = find_evaluation_source(model_to_test, given, engine, [*own, *folders])
-        simulator = source.simulator(recorded) if source else None
+        known = read_registers(recorded, None) if alone else NO_REGISTERS  # φ knows the source of its pairing
+        simulator = source.with_registers(known).simulator(recorded) if source else None
         if simulator is not None and given is not None:
             warn_of_ranges(recorded, find_robot(given))
             warn_of_overlaps(recorded, simulator)
         others, notes = ({}, ()) if not plain_fit or source is None else fit_plain(model_to_test, recorded, source, say)
         if corrected is not None and corrected != given:
-            others = {**others, MODEL: locate_source(corrected, (), (), engine).simulator(recorded)}
+            tested = locate_source(corrected, (), (), engine).with_registers(known)
+            others = {**others, MODEL: tested.simulator(recorded)}
         network = None if model_to_test is None else model_to_test.network
         found = evaluate_predictors(recorded, simulator, network, count or count_aloud(say), others)
-    return replace(found, notes=notes)
+        told = known.describe(find_robot(given)) if given is not None and (engine or MUJOCO) == MUJOCO else ()
+    return replace(found, notes=(*notes, *told))
 
 
 def is_model(learned: LearnedModel | str | Path) -> bool:

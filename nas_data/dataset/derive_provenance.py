@@ -110,7 +110,8 @@ def subtasks(roots: Iterable[Path]) -> dict[str, bytes]:
 def inherit(originals: Sequence[Original], deed: str) -> Provenance:
     """Return the provenance of a dataset that consists of episodes of others.
 
-    Entries that all originals share (source, target, signal) are kept; others can be found through the parents.
+    Entries that all originals share (source, target, signal) are kept, and of different targets the servos' registers;
+    others can be found through the parents.
 
     Args:
         originals: The original datasets, at least one.
@@ -121,7 +122,7 @@ def inherit(originals: Sequence[Original], deed: str) -> Provenance:
         how="edited",
         robot=find_common_value(item.robot for item in before) or originals[0].dataset.robot_type,
         source=find_common_value(item.source for item in before),
-        target=find_common_value(item.target for item in before),
+        target=find_common_value(item.target for item in before) or join_registers(originals),
         signal=find_common_value(item.signal for item in before),
         seeds=_remove_duplicates(seed for item in before for seed in item.seeds),
         parents=_remove_duplicates(original.parent for original in originals),
@@ -131,6 +132,21 @@ def inherit(originals: Sequence[Original], deed: str) -> Provenance:
             _remove_duplicates(line for note in [*(item.notes for item in before), deed] for line in note.splitlines())
         ),
     )
+
+
+def join_registers(originals: Sequence[Original]) -> dict[str, object] | None:
+    """Return a target with the register history of consecutive datasets; None if one of them has no history."""
+    joined: list[dict[str, object]] = []
+    episodes = 0
+    for original in originals:
+        history = ((original.provenance.target if original.provenance else None) or {}).get("registers")
+        if not isinstance(history, list) or not history:
+            return None
+        for entry in history:
+            if not joined or joined[-1]["joints"] != entry["joints"]:
+                joined.append({"from_episode": episodes + entry["from_episode"], "joints": entry["joints"]})
+        episodes += original.dataset.n_episodes
+    return {"registers": joined}
 
 
 def make_unknown_provenance(dataset: Dataset) -> Provenance:

@@ -94,6 +94,7 @@ def compose(
         ),
         seed=0,
         seconds=round(seconds, 2),
+        registers=problem.as_given.registers.values or None,
     )
 
 

@@ -78,8 +78,9 @@ class Delivery:
 
     def deliver_with_names(self, other: HeldOutResult) -> Delivered:
         """Return another model with the names as found, which `effects.json` then holds."""
-        final, slides = self.naming.final, self.problem.held.nominal.slides
-        write_effects(self.folder, final.effects, final.factors, slides, other.contains)
+        final, nominal = self.naming.final, self.problem.held.nominal
+        registers = nominal.registers.values
+        write_effects(self.folder, final.effects, final.factors, nominal.slides, other.contains, registers)
         return self.naming, replace(other, after=self.outcome.after)
 
     @property

@@ -1,17 +1,18 @@
 """Position gains that differ between episodes, relative to the model's gain."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
-import mujoco
 import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import POSITION, Feature
 from nas_data.errors import DatasetInvalid, ModelFileError
 from nas_data.robots.base import find_robot
+from nas_data.simulators.servo_registers import GAIN as NUMERIC
+from nas_data.simulators.servo_registers import read_stated
 
 REGISTER = "nas.p_gain"  # column of a dataset: P register of the servos, one for all joints or one each
-NUMERIC = "p_gain"  # <custom><numeric/></custom> of a model: register value that corresponds to its gain
 GAIN = "nas.gain"  # column in memory: register over the model's value
 
 
@@ -29,7 +30,7 @@ def with_relative_gains(dataset: Dataset, model: str | Path, name: str | Path) -
     """
     if REGISTER not in dataset.columns or not dataset.n_frames:
         return dataset
-    registers, own = dataset.columns[REGISTER].astype(float), read_model_register(model)
+    registers, own = dataset.columns[REGISTER].astype(float), read_model_registers(model, dataset.joints)
     if own is None:
         check_equal_gains(registers, model, name)
         return dataset
@@ -48,21 +49,16 @@ def read_relative_gains(dataset: Dataset) -> np.ndarray:
     return gains
 
 
-def read_model_register(model: str | Path) -> float | None:
-    """Return the P register that corresponds to a model's gain; None if not stated.
+def read_model_registers(model: str | Path, joints: Sequence[str]) -> np.ndarray | None:
+    """Return the P registers that correspond to a model's gains, shape (n,); None if not stated.
 
     Raises:
-        ModelFileError: the model cannot be read, or the value is not a positive number.
+        ModelFileError: the model cannot be read, or a value is not a positive number.
     """
     robot = find_robot(model)
-    compiled = robot.spec().compile()
-    index = mujoco.mj_name2id(compiled, mujoco.mjtObj.mjOBJ_NUMERIC, NUMERIC)
-    if index < 0:
-        return None
-    value = float(compiled.numeric(NUMERIC).data[0])
-    if not 0 < value < np.inf:
-        raise ModelFileError(f"{robot.mjcf} gives the numeric '{NUMERIC}' as {value:g}; a gain is above 0.")
-    return value
+    spec = robot.spec()
+    stated = [read_stated(spec, robot, NUMERIC, joint) for joint in joints]
+    return None if None in stated else np.array(stated, float)
 
 
 def check_equal_gains(registers: np.ndarray, model: str | Path, name: str | Path) -> None:

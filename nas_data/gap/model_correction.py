@@ -10,9 +10,10 @@ import mujoco
 from nas_data.effects.base import Effect, read_effects
 from nas_data.errors import JointMismatch, OptionError
 from nas_data.gap.nominal_parameters import FIRM, list_base_parameters, scale_base_parameters
-from nas_data.gap.write_model import EFFECTS, read_factors
+from nas_data.gap.write_model import EFFECTS, read_factors, read_register_values
 from nas_data.mjcf.bake_inertia import bake_inertia
 from nas_data.robots.base import Robot
+from nas_data.simulators.servo_registers import NO_REGISTERS, ServoRegisters
 
 
 @dataclass(frozen=True)
@@ -23,11 +24,13 @@ class ModelCorrection:
         path: File that they were read from.
         effects: Named effects.
         retuned: Factors of base parameters by name, for example `m2.damping`, without those equal to 1.
+        registers: Servo registers of the recording, which come before both.
     """
 
     path: Path
     effects: tuple[Effect, ...]
     retuned: Mapping[str, float]
+    registers: ServoRegisters = NO_REGISTERS
 
     @classmethod
     def read(cls, path: str | Path) -> "ModelCorrection":
@@ -43,10 +46,10 @@ class ModelCorrection:
         for name, factor in retuned.items():
             if not (math.isfinite(factor) and factor > 0):
                 raise OptionError(f"{file} multiplies {name} by {factor}; a factor must be a number above 0.")
-        return cls(file, effects, retuned)
+        return cls(file, effects, retuned, ServoRegisters(read_register_values(file)))
 
     def robot(self, robot: Robot, joints: Sequence[str]) -> Robot:
-        """Return a robot with the retuned base parameters; the simulator adds the effects.
+        """Return a robot with registers and retuned base parameters; the simulator adds the effects.
 
         Args:
             robot: Robot of the source.
@@ -56,6 +59,7 @@ class ModelCorrection:
             JointMismatch: the report is about another robot.
         """
         self._check(robot, joints)
+        robot = self.registers.set_in(robot)
         if not self.retuned:
             return robot
         kept = {name: getattr(robot, name) for name in Robot.__dataclass_fields__ if name != "edit"}

@@ -20,6 +20,7 @@ from nas_data.robots.base import Robot, find_robot, list_slide_joints
 from nas_data.simulators.initial_states import START_SECONDS, InitialLoad, choose_initial_loads
 from nas_data.simulators.lock_joints import lock_unmeasured_joints
 from nas_data.simulators.mujoco import MujocoSimulator
+from nas_data.simulators.servo_registers import NO_REGISTERS, ServoRegisters
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,8 @@ class Nominal:
         period: Control period [s].
         base: Base parameters.
         notes: One sentence for each deviation from the given model.
+        registers: Registers of the recording that the model was given.
+        known: Sentences on the recording's registers.
     """
 
     robot: Robot
@@ -58,15 +61,23 @@ class Nominal:
     period: float
     base: tuple[NominalParameter, ...]
     notes: tuple[str, ...] = ()
+    registers: ServoRegisters = NO_REGISTERS
+    known: tuple[str, ...] = ()
 
     @classmethod
-    def load(cls, model: str | Path, evidence: EpisodeBatch) -> "Nominal":
+    def load(cls, model: str | Path, evidence: EpisodeBatch, registers: ServoRegisters = NO_REGISTERS) -> "Nominal":
         """Read the model; its timestep is shortened so that it divides a control period.
+
+        Args:
+            model: Robot's name or model file.
+            evidence: Episodes with joints and control period.
+            registers: Registers of the recording, which the model is given.
 
         Raises:
             ModelFileError, JointMismatch: it cannot be used, or has other joints than the recording.
         """
-        robot = find_robot(model)
+        given = find_robot(model)
+        robot = registers.set_in(given)
         MujocoSimulator(robot, evidence.period, evidence.joints)  # raises for a model that cannot be used
         spec = bake_inertia(robot.spec())
         fix_derived_values(spec)
@@ -74,7 +85,10 @@ class Nominal:
         bases = [f"The base '{base}' has a free joint; it is fixed at its pose in the model." for base in robot.bases]
         notes = (*bases, *adapt_model(spec, evidence.joints, evidence.period))
         base = list_base_parameters(spec, evidence.joints)
-        return cls(robot, spec, strip_idle_meshes(spec), evidence.joints, evidence.period, base, notes)
+        known = registers.describe(given)
+        lean = strip_idle_meshes(spec)
+        held = registers.select_stated(given)
+        return cls(robot, spec, lean, evidence.joints, evidence.period, base, notes, held, known)
 
     @property
     def slides(self) -> tuple[str, ...]:

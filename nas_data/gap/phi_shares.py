@@ -14,8 +14,8 @@ from nas_data.models.run import TrainingRun
 from nas_data.models.training import ModelTraining, compute_error_scales
 from nas_data.open_loop import roll_out_source
 from nas_data.pairing import pair
-from nas_data.robots.base import find_robot
-from nas_data.simulators.mujoco import MujocoSimulator
+from nas_data.robots.base import Robot, find_robot
+from nas_data.simulators.engines import load_simulator
 from nas_data.sources import collect_source_files
 
 PHI = "phi"  # folder of the checkpoint within that of the report
@@ -23,7 +23,7 @@ PHI = "phi"  # folder of the checkpoint within that of the report
 
 def measure_learned_shares(
     dataset: Dataset,
-    models: tuple[str | Path, Path],
+    models: tuple[str | Path | Robot, Path],
     episodes: tuple[Sequence[int], Sequence[int]],
     folder: Path,
     updates: int,
@@ -46,7 +46,7 @@ def measure_learned_shares(
             increases the error) and `left`.
     """
     period = 1 / dataset.fps
-    given, written = (MujocoSimulator.load(model, period, dataset.joints) for model in models)
+    given, written = (load_simulator(model, period, dataset.joints) for model in models)
     train, held = (pair(dataset.select(list(numbers)), written) for numbers in episodes)
     shutil.rmtree(folder / PHI, ignore_errors=True)
     training = ModelTraining("delta", train, preset("fast", updates=updates), written, {"source": written.describe()})

@@ -63,6 +63,7 @@ class GapReport:
         episodes: Fitted and held-out episodes.
         seed: Seed of all random numbers.
         seconds: Wall time of the search [s].
+        registers: Servo registers of the recording that the model was given, by register and joint; None if none.
         made_from: Command, hashes and versions.
         files: Content of the other files of the report's folder, by relative path.
     """
@@ -84,6 +85,7 @@ class GapReport:
     episodes: EpisodeNumbers
     seed: int
     seconds: float
+    registers: Mapping[str, Mapping[str, float]] | None = field(default=None, metadata=OPTIONAL)
     made_from: MadeFrom | None = field(default=None, metadata=OPTIONAL)
     files: Mapping[str, bytes] = field(default_factory=dict, compare=False, metadata={"key": None})
 

@@ -75,6 +75,8 @@ def investigate_problem(
     check_output_folder(folder, model)
     problem = load()
     check_portable(problem.train.nominal.spec, problem.train.nominal.robot.mjcf)
+    for sentence in problem.as_given.known:
+        say(sentence)
     say("find: where model and recording disagree")
     found = find_gap(problem)
     return name_and_report(problem, found, folder, began, say, learn, propose=propose)
@@ -112,7 +114,7 @@ def name_and_report(
     experiment = propose_experiment(problem, named, folder, say) if propose and naming.findings else Proposal()
     report = compose(problem, found, naming, outcome, experiment, time.monotonic() - began)
     report = replace(report, made_from=record_origin(problem, folder, learn))
-    write_difference(folder, problem.as_given, problem.names[1])
+    write_difference(folder, problem.without_registers, problem.names[1])
     report.write(folder)
     write_series(folder, problem, naming, outcome)
     say("show: write the report")
@@ -141,7 +143,7 @@ def train_on_top(problem: Problem, model: Path, updates: int, say: Report) -> Ma
 
     numbers = [sorted({int(number) for number in task.evidence.numbers}) for task in (problem.train, problem.held)]
     return measure_learned_shares(
-        problem.dataset, (problem.model_file, model), (numbers[0], numbers[1]), model.parent, updates, say
+        problem.dataset, (problem.as_given.robot, model), (numbers[0], numbers[1]), model.parent, updates, say
     )
 
 

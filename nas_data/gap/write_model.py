@@ -17,6 +17,7 @@ from nas_data.errors import OptionError
 from nas_data.gap.nominal import Nominal, find_fine_timestep
 from nas_data.mjcf.actuator_lookup import GOAL, find_goal_joints
 from nas_data.mjcf.export import write_portable
+from nas_data.simulators.servo_registers import Values
 
 MODEL, EFFECTS, DIFFERENCE = "model.xml", "effects.json", "model.diff"
 LONG_NUMBER = re.compile(r"-?\d+\.\d{6,}(?:e[-+]?\d+)?")
@@ -46,7 +47,7 @@ def write_model(
     for joint in nominal.joints:
         add_position_sensor(spec, joint)
     written = write_effects(
-        folder, effects, factors, slides=nominal.slides
+        folder, effects, factors, nominal.slides, registers=nominal.registers.values
     )  # first, because it marks the folder as a report's even if the process is killed now
     write_portable(spec, nominal.robot.mjcf, folder / MODEL)
     return folder / MODEL, written
@@ -86,6 +87,7 @@ def write_effects(
     factors: Mapping[str, float],
     slides: Collection[str] = (),
     contains: Callable[[Effect], bool] = attrgetter("in_model"),
+    registers: Values | None = None,
 ) -> Path:
     """Write named effects and retuned base parameters for `nas record sim --effects` and `nas pair`.
 
@@ -95,9 +97,12 @@ def write_effects(
         factors: Factors of base parameters.
         slides: Slides of the model, which have other units.
         contains: Whether the model file contains an effect; by default those that MJCF expresses.
+        registers: Registers of the recording that the model was given before, by register and joint.
     """
     entries = [{**effect.to_json(slides), "in_model_xml": contains(effect)} for effect in effects]
-    content = {"schema": 1, "effects": entries, "retuned": dict(factors)}
+    content: dict[str, object] = {"schema": 1, "effects": entries, "retuned": dict(factors)}
+    if registers:
+        content["registers"] = registers
     path = folder / EFFECTS
     path.write_text(json.dumps(content, indent=1), encoding="utf-8")
     return path
@@ -119,6 +124,23 @@ def read_factors(path: Path) -> dict[str, float]:
         return {str(name): float(factor) for name, factor in retuned.items()}
     except (AttributeError, KeyError, TypeError, ValueError):
         raise OptionError(f"'retuned' in {path} must hold one factor per parameter; see `nas gap name`.") from None
+
+
+def read_register_values(path: Path) -> Values:
+    """Return the servo registers of an effects file or a report, by register and joint; empty if there are none.
+
+    Raises:
+        OptionError: they are not numbers.
+    """
+    content = json.loads(path.read_text(encoding="utf-8"))
+    registers = content.get("registers") if isinstance(content, dict) else None
+    try:
+        return {
+            str(name): {str(joint): float(value) for joint, value in values.items()}
+            for name, values in (registers or {}).items()
+        }
+    except (AttributeError, TypeError, ValueError):
+        raise OptionError(f"'registers' in {path} must hold one number per register and joint.") from None
 
 
 def add_position_sensor(spec: mujoco.MjSpec, joint: str) -> None:

@@ -74,6 +74,7 @@ class Robot:
         tip: Name of the site at the end effector, or None.
         edit: Edit that completes the model (a tool, a table) after the file is read.
         bases: Floating bases that `edit` fixes to the world.
+        registers: Servo registers for which the model holds, by name; a file states them in `<custom>`.
         adapted: Whether `simulators/lock_joints.py` has already locked the joints that a recording does not determine.
     """
 
@@ -87,6 +88,7 @@ class Robot:
     tip: str | None = None
     edit: Edit | None = None
     bases: tuple[str, ...] = ()
+    registers: tuple[tuple[str, float], ...] = ()
     adapted: bool = False
 
     def spec(self) -> mujoco.MjSpec:

@@ -25,6 +25,7 @@ from nas_data.recorders.guarded import GuardedArm, Setup
 from nas_data.recorders.path_planner import PathPlanner
 from nas_data.recorders.schedule import SteppedClock
 from nas_data.robots.base import find_robot
+from nas_data.simulators.servo_registers import NO_REGISTERS, ServoRegisters
 from nas_data.studies.trial import plan as plans
 from nas_data.studies.trial.change import CHANGES, TestedArm
 from nas_data.studies.trial.changed_arm import Adjustment, ChangedXl320
@@ -147,6 +148,8 @@ def test_a_recording_of_a_changed_arm_does_not_tell_the_change(name, tmp_path, m
     assert {key: value for key, value in told[0].items() if key != "tally"} == {
         key: value for key, value in told[1].items() if key != "tally"
     }
+    for folder in ("base", "changed"):  # nor are registers read into the model, where the change would be known
+        assert ServoRegisters.read(read_provenance(tmp_path / folder), JOINTS.names) == NO_REGISTERS
 
 
 def test_without_a_terminal_no_mass_is_hung_on(tmp_path):

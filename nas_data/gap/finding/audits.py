@@ -179,9 +179,9 @@ def find_unmoved_joints(evidence: EpisodeBatch, floor: np.ndarray) -> np.ndarray
 
 
 def check_model(examined: Examined) -> Check:
-    """Repeat the notes from loading the model."""
-    notes = examined.nominal.notes
-    return Check("model", " ".join(notes) or "It is simulated as given.", ok=not notes)
+    """Repeat the notes from loading the model, and what the recording's registers say."""
+    notes, known = examined.nominal.notes, examined.nominal.known
+    return Check("model", " ".join((*notes, *known)) or "It is simulated as given.", ok=not notes)
 
 
 REPORTED_SHARE = 0.01  # share of the rows above which a joint is reported

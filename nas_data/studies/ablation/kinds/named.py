@@ -35,7 +35,7 @@ def name_effects(data: Dataset, source: SourceModel, root: Path) -> NamedSource:
         problem = Problem.of(data, source.model, root)
         final = name(problem.train, problem.held).final
     factors = {key: factor for key, factor in final.factors.items() if factor != 1}
-    return add(ModelCorrection(root, tuple(final.effects), factors), source, data)
+    return add(ModelCorrection(root, tuple(final.effects), factors, problem.as_given.registers), source, data)
 
 
 def read_named(path: Path, source: SourceModel, data: Dataset) -> NamedSource:
