@@ -38,8 +38,7 @@ class GapName(TakesModel):
         naming = name(problem.train, problem.held, say)
         nominal = problem.train.nominal
         self.out.mkdir(parents=True, exist_ok=True)
-        final, registers = naming.final, nominal.registers.values
-        path = write_effects(self.out, final.effects, final.factors, nominal.slides, registers=registers)
+        path = write_effects(self.out, naming.final.effects, naming.final.factors, nominal)
         effects = [describe_finding(finding, nominal, finding.effect.in_model) for finding in naming.findings]
         lines = [describe_effect(effect) for effect in effects] or ["No effect is named."]
         return CommandResult("\n".join([*lines, str(path)]), {"effects": to_json(effects), "file": path})

@@ -78,9 +78,8 @@ class Delivery:
 
     def deliver_with_names(self, other: HeldOutResult) -> Delivered:
         """Return another model with the names as found, which `effects.json` then holds."""
-        final, nominal = self.naming.final, self.problem.held.nominal
-        registers = nominal.registers.values
-        write_effects(self.folder, final.effects, final.factors, nominal.slides, other.contains, registers)
+        final = self.naming.final
+        write_effects(self.folder, final.effects, final.factors, self.problem.held.nominal, other.contains)
         return self.naming, replace(other, after=self.outcome.after)
 
     @property

@@ -94,7 +94,7 @@ def score_model(problem: Problem, final: FinalFit, null: FinalFit, plain: FinalF
         model=folder / MODEL,
         expresses_all=expresses_all,
     )
-    write_effects(folder, effects, factors, nominal.slides, outcome.contains, nominal.registers.values)
+    write_effects(folder, effects, factors, nominal, outcome.contains)
     return outcome
 
 

@@ -4,7 +4,7 @@ import difflib
 import json
 import re
 import tempfile
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from operator import attrgetter
 from pathlib import Path
 
@@ -46,9 +46,8 @@ def write_model(
     keep_keyframes(spec, before)
     for joint in nominal.joints:
         add_position_sensor(spec, joint)
-    written = write_effects(
-        folder, effects, factors, nominal.slides, registers=nominal.registers.values
-    )  # first, because it marks the folder as a report's even if the process is killed now
+    # first, because it marks the folder as a report's even if the process is killed now
+    written = write_effects(folder, effects, factors, nominal)
     write_portable(spec, nominal.robot.mjcf, folder / MODEL)
     return folder / MODEL, written
 
@@ -85,9 +84,8 @@ def write_effects(
     folder: Path,
     effects: Sequence[Effect],
     factors: Mapping[str, float],
-    slides: Collection[str] = (),
+    nominal: Nominal | None = None,
     contains: Callable[[Effect], bool] = attrgetter("in_model"),
-    registers: Values | None = None,
 ) -> Path:
     """Write named effects and retuned base parameters for `nas record sim --effects` and `nas pair`.
 
@@ -95,14 +93,15 @@ def write_effects(
         folder: Output folder.
         effects: Effects.
         factors: Factors of base parameters.
-        slides: Slides of the model, which have other units.
+        nominal: Model, for the units of its slides and the registers that it was given; None if it has neither.
         contains: Whether the model file contains an effect; by default those that MJCF expresses.
-        registers: Registers of the recording that the model was given before, by register and joint.
     """
-    entries = [{**effect.to_json(slides), "in_model_xml": contains(effect)} for effect in effects]
+    entries = [
+        {**effect.to_json(nominal.slides if nominal else ()), "in_model_xml": contains(effect)} for effect in effects
+    ]
     content: dict[str, object] = {"schema": 1, "effects": entries, "retuned": dict(factors)}
-    if registers:
-        content["registers"] = registers
+    if nominal and nominal.registers.values:
+        content["registers"] = nominal.registers.values
     path = folder / EFFECTS
     path.write_text(json.dumps(content, indent=1), encoding="utf-8")
     return path

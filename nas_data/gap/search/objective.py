@@ -81,7 +81,7 @@ class FitTask:
         moved_by_base: Joints that bounded base parameters move, by parameter, if known.
         moved_by_joint: Joints that effects and freed parameters move, by their joint, if known.
         start_response: Response to the initial states; None if all are certain, or none was measured.
-        row_weights: Weights of the errors, shape (E, T, n), or 1; see `find_row_weights`.
+        row_weights: Weights of the errors, shape (E, T, n), or 1; see `weigh_rows`.
         objective: Number of the objective; episodes and tolerance define another one.
     """
 
@@ -130,7 +130,7 @@ class FitTask:
         return replace(self, nominal=nominal, coarse_model=coarse).with_new_objective()
 
     @property
-    def is_chaotic(self) -> bool:
+    def has_unpredictable_rows(self) -> bool:
         """Whether some rows have little weight, because their motion cannot be predicted."""
         return bool(np.any(np.less(self.row_weights, 1.0)))
 

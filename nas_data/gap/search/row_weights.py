@@ -1,7 +1,7 @@
 """Weights of rows whose motion cannot be predicted, because it depends on the parameters chaotically."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,22 +15,7 @@ CHANGE = 0.3  # size of a change in standard deviations of the fit: a linear res
 MAX_CHANGE = 0.1  # largest change of θ, where the data hardly determine a parameter
 
 
-@dataclass(frozen=True)
-class WeighedTasks:
-    """Fitted and held-out episodes with row weights.
-
-    Attributes:
-        fitted: Fitted episodes.
-        held: Held-out episodes.
-        start: Parameters with the lowest loss on both, of the fit and its changes, shape (size,).
-    """
-
-    fitted: FitTask
-    held: FitTask
-    start: np.ndarray
-
-
-def weigh_rows(fitted: FitTask, held: FitTask, found: Fit) -> WeighedTasks:
+def weigh_rows(fitted: FitTask, held: FitTask, found: Fit) -> tuple[FitTask, FitTask, np.ndarray]:
     """Weigh rows by how well a fit predicts them, and find the best start among random changes of its parameters.
 
     A joint with play may reach one stop or the other after a change of the parameters that the data cannot see. Its
@@ -42,25 +27,30 @@ def weigh_rows(fitted: FitTask, held: FitTask, found: Fit) -> WeighedTasks:
         fitted: Fitted episodes.
         held: Held-out episodes.
         found: Fit to the fitted episodes.
+
+    Returns:
+        Fitted and held-out episodes with row weights, and the θ with the lowest loss on both, of shape (size,): that
+        of the fit or, if there are unpredictable rows, perhaps of a change.
     """
-    thetas = draw_changes(fitted, found)
     parameters = found.parameters
+    tried = [found.theta, *draw_changes(fitted, found)]
 
     def roll_out(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         both = fitted.predict(parameters, theta), held.predict(parameters, theta)
         return None if both[0] is None or both[1] is None else (both[0], both[1])
 
-    tried = [found.theta, *thetas[:FIRST_CHANGES]]
-    rollouts = map_in_parallel(roll_out, tried)
-    weights = [compute_row_weights(task, [r[i] for r in rollouts if r]) for i, task in enumerate((fitted, held))]
-    if rollouts[0] is None or all((each == 1.0).all() for each in weights):
-        return WeighedTasks(replace(fitted, row_weights=1.0), replace(held, row_weights=1.0), found.theta)
-    tried += list(thetas[FIRST_CHANGES:])
-    rollouts += map_in_parallel(roll_out, thetas[FIRST_CHANGES:])
-    fitted, held = (
-        replace(task, row_weights=compute_row_weights(task, [r[i] for r in rollouts if r]))
-        for i, task in enumerate((fitted, held))
-    )
+    rollouts: list[tuple[np.ndarray, np.ndarray] | None] = []
+    for changes in (FIRST_CHANGES, CHANGES):
+        rollouts += map_in_parallel(roll_out, tried[len(rollouts) : 1 + changes])
+        if rollouts[0] is None:
+            return replace(fitted, row_weights=1.0), replace(held, row_weights=1.0), found.theta
+        known = [each for each in rollouts if each is not None]
+        fitted, held = (
+            replace(task, row_weights=compute_row_weights(task, [each[place] for each in known]))
+            for place, task in enumerate((fitted, held))
+        )
+        if not (fitted.has_unpredictable_rows or held.has_unpredictable_rows):
+            return fitted, held, found.theta
 
     def measure_loss(number: int) -> float:
         rolled = rollouts[number]
@@ -68,7 +58,7 @@ def weigh_rows(fitted: FitTask, held: FitTask, found: Fit) -> WeighedTasks:
             return np.inf
         return fitted.misfit(rolled[0]) + held.misfit(rolled[1]) + compute_prior_penalty(parameters, tried[number])
 
-    return WeighedTasks(fitted, held, tried[min(range(len(tried)), key=measure_loss)])
+    return fitted, held, tried[min(range(len(tried)), key=measure_loss)]
 
 
 def draw_changes(task: FitTask, found: Fit) -> np.ndarray:
@@ -86,10 +76,8 @@ def compute_row_weights(task: FitTask, rollouts: Sequence[np.ndarray]) -> np.nda
         task: Model and episodes.
         rollouts: Positions of the fit, then after changes of its parameters [rad; m], each of shape (E, T, n).
     """
-    if len(rollouts) < 2:
-        return np.ones(task.evidence.measured.shape)
     centre, *others = rollouts
-    spread = np.sqrt(np.mean([(other - centre) ** 2 for other in others], axis=0))
+    spread = np.sqrt(np.mean([(other - centre) ** 2 for other in others or [centre]], axis=0))
     squares = np.where(task.evidence.mask[..., None], task.evidence.errors(centre) ** 2, np.nan)
     limit = np.sqrt(task.tolerance + np.nanmedian(squares, axis=1, keepdims=True))
     return np.minimum(1.0, limit / np.maximum(spread, 1e-12))

@@ -182,21 +182,19 @@ class Search:
             better = self.fit_round(h)
             gained = self.null.score.over(better.score)
             if self.rescore(h).score.over(better.score) < max(FAR_BEHIND, NEGLIGIBLE_GAIN * gained):
-                return self.settle(better)
-            h = min(better, self.fit_anew(better), key=lambda one: one.score)
+                return self.retry_if_chaotic(better)
+            h = self.fit_anew(better)
         return h
 
-    def settle(self, h: Hypothesis) -> Hypothesis:
-        """Return a hypothesis, or its fit from the model's own parameters if that is better and the motion chaotic.
-
-        A fit to chaotic motion stops at any of many minima.
-        """
-        return min(h, self.fit_anew(h), key=lambda one: one.score) if self.task.is_chaotic else h
+    def retry_if_chaotic(self, h: Hypothesis) -> Hypothesis:
+        """Fit a hypothesis anew if the motion is chaotic, because such a fit stops at any of many minima."""
+        return self.fit_anew(h) if self.task.has_unpredictable_rows else h
 
     def fit_anew(self, h: Hypothesis) -> Hypothesis:
-        """Fit a hypothesis from its effects and the model's own bounded parameters."""
+        """Fit a hypothesis from its effects and the model's own bounded parameters; return it or this, by score."""
         freed = {name: h.fit.factors[name] for name in h.description.freed}
-        return self.fit_description(h.description, freed, jacobian_refreshes=1) or h
+        found = self.fit_description(h.description, freed, jacobian_refreshes=1)
+        return found if found is not None and found.score < h.score else h
 
     def fit_round(self, h: Hypothesis) -> Hypothesis:
         """Update the objective at a hypothesis, and fit it.
@@ -217,9 +215,8 @@ class Search:
         if self.floor_ratios(h).max() > FAR_ABOVE:
             self.task, self.held = replace(self.task, row_weights=1.0), replace(self.held, row_weights=1.0)
             return h.fit.theta
-        weighed = weigh_rows(self.task, self.held, h.fit)
-        self.task, self.held = weighed.fitted, weighed.held
-        return weighed.start
+        self.task, self.held, start = weigh_rows(self.task, self.held, h.fit)
+        return start
 
     def update_objective(self, description: Description, found: Fit) -> Hypothesis:
         """Choose the physics steps with the lower loss for a fit, and score all kept hypotheses again."""

@@ -52,7 +52,7 @@ def drop_one(search: Search, h: Hypothesis) -> Hypothesis:
         if together is not None and together.is_finite and together.score < best.score:
             return together
     if not spare and best.description != Description():  # the model alone has converged already
-        best = search.settle(search.fit_further(best))
+        best = search.retry_if_chaotic(search.fit_further(best))
     return best if best.score < h.score else h
 
 
