@@ -34,7 +34,6 @@ class AccelerationLimit(Effect):
     acceleration: float
 
     parameters: ClassVar = (Parameter("acceleration", "rad/s²", 0.01, 1000.0, math.inf),)
-    unsearched: ClassVar = ("acceleration",)
     edit_order: ClassVar = 2
     equation: ClassVar = (
         "|d²goal/dt²| ≤ acceleration, the goal stops at the command, torque = servo(goal − q); of a velocity command, "

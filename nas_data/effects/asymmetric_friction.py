@@ -34,7 +34,6 @@ class AsymmetricFriction(Effect):
         Parameter("torque", "N·m", 0.0, 200.0, 0.0),
         Parameter("difference", "N·m", -200.0, 200.0, 0.0, scaled_by="torque"),
     )
-    unsearched: ClassVar = ("torque", "difference")
     replaces: ClassVar = "frictionloss"
     equation: ClassVar = "friction = torque · sign(v) + difference, v = dq/dt, |difference| ≤ torque"
     source: ClassVar = "Canudas de Wit, Åström and Braun 1987 (doi:10.1109/JRA.1987.1087103)"

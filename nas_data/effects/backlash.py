@@ -30,7 +30,6 @@ class Backlash(Effect):
         Parameter("half_width", "rad", 0.0, WIDEST_PLAY, 0.0),
         Parameter("stiffness", "N·m/rad", 0.05, 1e6, math.inf, spread=math.inf),
     )
-    unsearched: ClassVar = ("stiffness",)
     edit_order: ClassVar = 1
     equation: ClassVar = (
         "q = q_servo + p, |p| ≤ half_width; with a stiffness, torque = stiffness · (|p| − half_width) · sign(p) beyond"

@@ -92,7 +92,6 @@ class Effect:
         in_model: Whether the edited model alone expresses it; otherwise its hook is needed, too.
         replaces: Nominal parameter of its joint that it sets, so that a fit frees only one of both; empty if none.
         distorts: Kind of nominal parameter that a fit without the effect distorts, if `replaces` is empty.
-        unsearched: Names of its parameters that a search does not fit yet; the blind benchmark does not hide them.
         stepwise: Names of its parameters [s] that act in whole physics steps.
         edit_order: Edits run in ascending order. An edit that depends on masses, gains or joints follows the edits
             that change them.
@@ -111,7 +110,6 @@ class Effect:
     edit_order: ClassVar[int] = 0
     replaces: ClassVar[str] = ""
     distorts: ClassVar[str] = ""
-    unsearched: ClassVar[tuple[str, ...]] = ()
     stepwise: ClassVar[tuple[str, ...]] = ()
     equation: ClassVar[str] = ""
     source: ClassVar[str] = ""
@@ -160,13 +158,8 @@ class Effect:
         if self.free_parameters == self.parameters:
             return self
         own = {p.name: getattr(self, p.name) for p in self.parameters}
-        guess = {name: value for name, value in self.optional_guess(scales).items() if name not in self.unsearched}
+        guess = self.optional_guess(scales)
         return make_effect(self.name(), self.joint, {**own, **guess}) if guess else self
-
-    @classmethod
-    def is_searched(cls) -> bool:
-        """Whether a search tries the effect."""
-        return cls.parameters[0].name not in cls.unsearched
 
     @classmethod
     def optional_guess(cls, scales: Scales | None) -> Mapping[str, float]:

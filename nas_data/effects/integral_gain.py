@@ -31,7 +31,6 @@ class IntegralGain(Effect):
     gain: float
 
     parameters: ClassVar = (Parameter("gain", "N·m/(rad·s)", 0.0, 1e5, 0.0),)
-    unsearched: ClassVar = ("gain",)
     edit_order: ClassVar = 1  # after a torque limit
     equation: ClassVar = "torque = kp · e + gain · ∫ e dt − kv · dq/dt, e = command − q, |gain · ∫ e dt| ≤ torque limit"
     source: ClassVar = "MuJoCo 4.0 <pid ki imax>; Robotis e-manual of XL-320, I gain (register 28)"

@@ -36,7 +36,6 @@ class MotorCurve(Effect):
         Parameter("stall_torque", "N·m", 0.005, 5000.0, math.inf),
         Parameter("no_load_speed", "rad/s", 0.01, 1000.0, math.inf),
     )
-    unsearched: ClassVar = ("stall_torque", "no_load_speed")
     edit_order: ClassVar = -1  # before a torque limit, which may be lower than the stall torque
     equation: ClassVar = (
         "−S − c · min(v, 0) ≤ torque of the servo ≤ S − c · max(v, 0), v = dq/dt, S = stall_torque, "

@@ -23,7 +23,6 @@ class StartTorque(Effect):
     torque: float
 
     parameters: ClassVar = (Parameter("torque", "N·m", 0.0, 200.0, 0.0),)
-    unsearched: ClassVar = ("torque",)
     edit_order: ClassVar = 2
     equation: ClassVar = "torque = sign(e) · max(kp · |e|, torque) − kv · dq/dt, e = command − q; 0 at e = 0"
     source: ClassVar = (

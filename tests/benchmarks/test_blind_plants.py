@@ -129,6 +129,20 @@ def test_each_effect_moves_the_joint_it_sits_in(plant, effect):
     assert np.sqrt(np.square(moved - plain).mean(axis=0))[1] > np.radians(0.02)
 
 
+@pytest.mark.parametrize("effect", INSIDE)
+def test_each_effect_is_the_one_of_the_catalogue(effect):
+    arm, (commands, poses) = arms()[0], EPISODES[JUMPS]
+    plain, moved = positions("mujoco", arm, [NOMINAL, TRUTHS[effect]], commands, poses)[:, 0, :, 1]
+    change, other = moved - plain, played("numpy")[effect][JUMPS, :, 1] - played("numpy")["none"][JUMPS, :, 1]
+    assert np.sqrt(np.square(change - other).mean()) < np.radians(0.1) + 0.15 * np.sqrt(np.square(change).mean())
+
+
+def test_an_integral_gain_begins_with_the_weight_and_removes_the_droop():
+    wound, none = (played("numpy")[name][STILL, :, 1] for name in ("integral_gain", "none"))
+    assert abs(none[-1] - 0.4) > np.radians(0.5), "nothing droops, and nothing is shown"
+    assert np.abs(wound - 0.4).max() < np.radians(0.1)
+
+
 @pytest.mark.bullet
 def test_both_independent_plants_agree_on_hidden_effects():
     one, other = played("numpy"), played("bullet", FEW)

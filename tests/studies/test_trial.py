@@ -45,7 +45,6 @@ ARM = TestedArm(
     speeds=np.full(6, 2.0),
     mass=0.02,
 )
-KNOWN = [change for change in CHANGES if change.is_known]
 
 
 def find(name: str):
@@ -56,12 +55,12 @@ def find(name: str):
 
 
 def test_there_are_eight_changes_or_more_over_different_joints():
-    assert len(KNOWN) >= 8
+    assert len(CHANGES) >= 8
     assert len({change.name for change in CHANGES}) == len(CHANGES)
-    assert len({change.joint for change in KNOWN}) >= 6
+    assert len({change.joint for change in CHANGES}) >= 6
 
 
-@pytest.mark.parametrize("change", KNOWN, ids=lambda change: change.name)
+@pytest.mark.parametrize("change", CHANGES, ids=lambda change: change.name)
 def test_each_change_is_an_effect_that_is_not_neutral(change):
     expected = change.expect(ARM)
     assert expected.name() == change.effect
@@ -71,7 +70,7 @@ def test_each_change_is_an_effect_that_is_not_neutral(change):
 
 def test_registers_hold_the_sizes():
     own = Configuration(speed=0.0, p_gain=40, torque=0.8)
-    made = {change.name: Adjustment.of(change, ARM, own) for change in KNOWN}
+    made = {change.name: Adjustment.of(change, ARM, own) for change in CHANGES}
     assert made["soft"].registers == {"p_gain": 20}
     assert made["weak"].registers == {"torque_limit": 286}  # 0.07 of 0.2 N·m, of 0.8 · 1023
     assert made["slow_base"].registers == {"moving_speed": 86}  # 1 rad/s in units of 0.111 rpm
@@ -265,11 +264,11 @@ def searches(monkeypatch) -> list[str]:
 def test_a_trial_is_done_once_and_goes_on_where_it_stopped(tmp_path, searches):
     folder, plan = tmp_path / "trial", TrialPlan(ARM_OF_ONE, "pendulum")
     outcome = run_trial(plan, folder, lambda _: None)
-    assert searches == ["baseline", *(change.name for change in KNOWN)]
-    assert len(outcome.right_sizes) == len(outcome.changes) == len(KNOWN)
+    assert searches == ["baseline", *(change.name for change in CHANGES)]
+    assert len(outcome.right_sizes) == len(outcome.changes) == len(CHANGES)
     stored = json.loads((folder / "trial.json").read_text())
     assert from_json(TrialOutcome, stored) == outcome
-    assert f"of {len(KNOWN)} named" in (folder / "report.html").read_text()
+    assert f"of {len(CHANGES)} named" in (folder / "report.html").read_text()
     assert not (read_provenance(folder / "soft").target or {}).get("effects")
     searches.clear()
     assert run_trial(plan, folder, lambda _: None) == outcome
@@ -285,9 +284,9 @@ def test_the_command_counts_right_names(tmp_path, searches):
     options = ("--robot", "pendulum", "--episodes", "2", "--seconds", "1", "--mass", "0", "--out", tmp_path / "trial")
     answer = nas("trial", "sim", *options)
     assert answer.code == 0, answer.err
-    assert f"{len(KNOWN) - 1} of {len(KNOWN) - 1} named" in answer.out
+    assert f"{len(CHANGES) - 1} of {len(CHANGES) - 1} named" in answer.out
     again = nas("trial", "sim", *options, "--json").json
-    assert again["named"] == again["right_sizes"] == again["changes_made"] == len(KNOWN) - 1
+    assert again["named"] == again["right_sizes"] == again["changes_made"] == len(CHANGES) - 1
 
 
 @pytest.mark.slow

@@ -34,7 +34,7 @@ class EffectDraw:
     per_joint: bool = True  # whether it can act in one joint
     whole_arm: bool = False  # whether it can act on the whole arm
     before: int = 0  # number of joints before its own on which it acts, too; it needs as many
-    apart: str = ""  # effects with the same non-empty group never share a joint, because no data distinguish them
+    apart: tuple[str, ...] = ()  # groups: two effects of one group never share a joint
 
 
 def make_draw(name: str, span: Span) -> Draw:
@@ -58,6 +58,22 @@ def draw_stribeck(rng: Rng, constants: Constants, joint: int, faint: bool) -> Va
         "torque": float(read_torque_limits(constants)[joint]) * Span(0.08, 0.4, 0.01).draw(rng, faint),
         "kinetic_ratio": float(rng.uniform(0.2, 0.7)),
         "stribeck_velocity": Span(0.05, 0.8, 0.05).draw(rng, False),
+    }
+
+
+def draw_play(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+    """Draw a play of 0.3° to 3.4°; in half of the cases its flanks yield, 10 to 100 times as stiff as the servo."""
+    values = {"half_width": Span(0.006, 0.06, 0.0008).draw(rng, faint)}
+    if rng.random() < 0.5:
+        values["stiffness"] = float(constants.gain[joint]) * Span(10.0, 100.0, 100.0).draw(rng, faint)
+    return values
+
+
+def draw_motor_curve(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+    """Draw a stall torque of 60 to 100 % of the servo's limit, and a no-load speed up to the damped top speed."""
+    return {
+        "stall_torque": float(read_torque_limits(constants)[joint]) * float(rng.uniform(0.6, 1.0)),
+        "no_load_speed": float(compute_top_speeds(constants)[joint]) * Span(0.25, 1.0, 3.0).draw(rng, faint),
     }
 
 
@@ -142,37 +158,63 @@ def read_torque_limits(constants: Constants) -> np.ndarray:
     return constants.force[:, 1]
 
 
+def compute_top_speeds(constants: Constants) -> np.ndarray:
+    """Return the speeds [rad/s] at which damping takes the whole torque limit, shape (n,)."""
+    return read_torque_limits(constants) / (constants.damping + constants.servo_damping)
+
+
+def read_gain(constants: Constants) -> np.ndarray:
+    """Return the servos' position gains [N m/rad], shape (n,)."""
+    return constants.gain
+
+
 def read_armature(constants: Constants) -> np.ndarray:
     """Return the rotors' inertia [kg m²], shape (n,)."""
     return constants.armature
 
 
 INSIDE: Mapping[str, EffectDraw] = {
-    "backlash": EffectDraw(make_draw("half_width", Span(0.006, 0.06, 0.0008)), apart="transmission"),
+    "backlash": EffectDraw(draw_play, apart=("transmission",)),
     "joint_compliance": EffectDraw(
-        make_scaled_draw("stiffness", lambda own: own.gain, Span(0.6, 20.0, 100.0)), apart="transmission"
+        make_scaled_draw("stiffness", read_gain, Span(0.6, 20.0, 100.0)), apart=("transmission",)
     ),
     "coulomb_friction": EffectDraw(
-        make_scaled_draw("torque", read_torque_limits, Span(0.05, 0.35, 0.005)), apart="dry friction"
+        make_scaled_draw("torque", read_torque_limits, Span(0.05, 0.35, 0.005)), apart=("dry friction",)
     ),
-    "stribeck_friction": EffectDraw(draw_stribeck, apart="dry friction"),
+    "stribeck_friction": EffectDraw(draw_stribeck, apart=("dry friction",)),
     "viscous_friction": EffectDraw(
         make_scaled_draw("coefficient", lambda own: own.damping + own.servo_damping, Span(0.5, 4.0, 0.5))
     ),
-    "load_friction": EffectDraw(make_draw("ratio", Span(0.1, 0.6, 0.01)), apart="dry friction"),
+    "load_friction": EffectDraw(make_draw("ratio", Span(0.1, 0.6, 0.01)), apart=("dry friction",)),
     "rotor_inertia": EffectDraw(make_scaled_draw("inertia", read_armature, Span(0.5, 6.0, 0.5))),
     "servo_stiffness": EffectDraw(draw_gain_factor),
-    "torque_limit": EffectDraw(make_scaled_draw("torque", read_torque_limits, Span(0.5, 0.9, 0.98))),
+    "torque_limit": EffectDraw(
+        make_scaled_draw("torque", read_torque_limits, Span(0.5, 0.9, 0.98)), apart=("limit",)
+    ),
+    "motor_curve": EffectDraw(draw_motor_curve, apart=("limit",)),
     "speed_limit": EffectDraw(make_draw("speed", Span(0.5, 6.0, 12.0))),
-    "command_delay": EffectDraw(make_draw("delay", Span(0.008, 0.12, 0.001)), whole_arm=True, apart="delay"),
-    "joint_offset": EffectDraw(draw_offset),
-    "deadband": EffectDraw(make_draw("half_width", Span(0.008, 0.07, 0.001))),
+    "acceleration_limit": EffectDraw(
+        # reached within 1/20 to half a second
+        make_scaled_draw("acceleration", compute_top_speeds, Span(2.0, 20.0, 80.0)), apart=("integral and profile",)
+    ),
+    "command_delay": EffectDraw(make_draw("delay", Span(0.008, 0.12, 0.001)), whole_arm=True, apart=("delay",)),
+    # an integral removes the error that an offset leaves
+    "joint_offset": EffectDraw(draw_offset, apart=("integral and offset",)),
+    "deadband": EffectDraw(make_draw("half_width", Span(0.008, 0.07, 0.001)), apart=("integral and band",)),
+    "start_torque": EffectDraw(
+        make_scaled_draw("torque", read_torque_limits, Span(0.05, 0.35, 0.005)), apart=("integral and punch",)
+    ),
+    "integral_gain": EffectDraw(
+        make_scaled_draw("gain", read_gain, Span(0.5, 6.0, 0.02)),
+        apart=("integral and profile", "integral and offset", "integral and band", "integral and punch"),
+    ),
     "payload": EffectDraw(draw_payload_mass, per_joint=False, whole_arm=True),
     "base_tilt": EffectDraw(draw_tilt, per_joint=False, whole_arm=True),
 }
 # effects that all joints can have in common: a model without friction, or servos of another make
 EVERYWHERE = (
-    "backlash", "coulomb_friction", "deadband", "load_friction", "rotor_inertia", "servo_stiffness", "viscous_friction"
+    "acceleration_limit", "backlash", "coulomb_friction", "deadband", "integral_gain", "load_friction", "motor_curve",
+    "rotor_inertia", "servo_stiffness", "start_torque", "viscous_friction",
 )  # fmt: skip
 OUTSIDE: Mapping[str, EffectDraw] = {
     "cogging": EffectDraw(draw_cogging),

@@ -54,8 +54,6 @@ def generate_candidates(joints: Sequence[str], sizes: Sequence[Scales]) -> Itera
     mean = average_scales(sizes)
     for name in registry.list_names("effects"):
         kind = find_effect(name)
-        if not kind.is_searched():
-            continue
         places: list[tuple[str | None, Scales]] = [*zip(joints, sizes, strict=True)] if kind.per_joint else []
         places += [(None, mean)] if kind.whole_arm else []
         for joint, size in places:

@@ -6,7 +6,6 @@ from typing import Literal
 
 import numpy as np
 
-from nas_data import registry
 from nas_data.effects.base import Effect, find_effect, make_effect
 
 Quantity = Literal["gain", "torque", "speed", "punch", "period", "radian", "mass"]
@@ -71,13 +70,6 @@ class KnownChange:
     size: float
     of: Quantity
     register: str = ""
-
-    @property
-    def is_known(self) -> bool:
-        """Whether the catalogue holds the effect, and `nas gap` searches for it."""
-        if self.effect not in registry.list_names("effects"):
-            return False
-        return self.parameter not in find_effect(self.effect).unsearched
 
     @property
     def unit(self) -> str:

@@ -50,8 +50,8 @@ class TrialPlan:
 
     @property
     def changes(self) -> Sequence[KnownChange]:
-        """The changes to make: those whose effect is known, without the mass if there is none."""
-        return [change for change in CHANGES if change.is_known and (change.of != "mass" or self.recorder.mass > 0)]
+        """The changes to make, without the mass if there is none."""
+        return [change for change in CHANGES if change.of != "mass" or self.recorder.mass > 0]
 
 
 TrialWork = Work[TrialPlan]
@@ -214,13 +214,8 @@ def collect(work: TrialWork) -> TrialOutcome:
             for change, data in made.items()
             if "skipped" not in data
         ),
-        skipped=(
-            *(f"{change.name}: {data['skipped']}" for change, data in made.items() if "skipped" in data),
-            *(
-                f"{change.name}: nas gap does not search for {change.effect}"
-                for change in CHANGES
-                if not change.is_known
-            ),
+        skipped=tuple(
+            f"{change.name}: {data['skipped']}" for change, data in made.items() if "skipped" in data
         ),
     )
 

@@ -57,6 +57,12 @@ class Hideable:
     play: np.ndarray  # half width of the free play [rad]
     spring: np.ndarray  # stiffness of the transmission [N m/rad]; infinite for a rigid one
     flank: np.ndarray  # stiffness of a gear's flank, where the play ends [N m/rad]
+    stall: np.ndarray  # torque limit at rest of a motor at a limited voltage [N m], both directions
+    back_emf: np.ndarray  # how much that limit falls with speed [N m s/rad]
+    acceleration: np.ndarray  # rate at which the speed of the servo's goal changes [rad/s²]
+    punch: np.ndarray  # least torque that the servo gives once its position is off the goal [N m]
+    integral: np.ndarray  # gain of the integral of the servo's error [N m/(rad s)]
+    uneven: np.ndarray  # friction in the positive direction less that in the negative one, halved [N m]
     cogs: np.ndarray  # amplitude of a torque [N m] periodic in the motor's angle, `cog_count` periods per turn
     cog_count: np.ndarray
     cog_phase: np.ndarray

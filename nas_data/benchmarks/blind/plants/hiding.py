@@ -15,7 +15,8 @@ NEUTRAL = {
     "delay": 0.0, "speed": np.inf, "offset": 0.0, "deadband": 0.0, "play": 0.0, "spring": np.inf,
     "cogs": 0.0, "cog_count": 1.0, "cog_phase": 0.0, "cable": 0.0, "cable_angle": 0.0, "cable_side": 1.0,
     "eccentric": 0.0, "eccentric_count": 1.0, "eccentric_phase": 0.0, "coupling": 0.0,
-    "heat_rise": 0.0, "heat_time": 1.0, "sag": 0.0,
+    "heat_rise": 0.0, "heat_time": 1.0, "sag": 0.0, "stall": np.inf, "back_emf": 0.0, "acceleration": np.inf,
+    "punch": 0.0, "integral": 0.0, "uneven": 0.0,
 }  # fmt: skip
 FLANK, HARDER = 500.0, 190.0  # [N m/rad] 0.2 N m sink into a gear's flank by 0.02 degrees; least multiple of the gain
 PENDULUM = {
@@ -130,6 +131,24 @@ def limit_torque(body: PlantBody, joint: Joints, values: Values) -> None:
     body.force[joint] = (-values["torque"], values["torque"])
 
 
+def limit_torque_by_speed(body: PlantBody, joint: Joints, values: Values) -> None:
+    """Let the servo's torque limit fall with speed."""
+    body.stall[joint] = values["stall_torque"]
+    body.back_emf[joint] = values["stall_torque"] / values["no_load_speed"]
+
+
+def add_uneven_friction(body: PlantBody, joint: Joints, values: Values) -> None:
+    """Add friction that differs by direction."""
+    body.friction[joint] += values["torque"]
+    body.uneven[joint] += values["difference"]
+
+
+def add_play(body: PlantBody, joint: Joints, values: Values) -> None:
+    """Add play, whose flanks yield if a stiffness is given."""
+    body.play[joint] = values["half_width"]
+    body.flank[joint] = values.get("stiffness", body.flank[joint])
+
+
 def add_stribeck_friction(body: PlantBody, joint: Joints, values: Values) -> None:
     """Add friction that is largest at rest."""
     body.stribeck[joint] = values["torque"]
@@ -194,7 +213,7 @@ def scale_gain(body: PlantBody, joint: Joints, values: Values) -> None:
 
 
 RULES: Mapping[str, Callable[[PlantBody, Joints, Values], None]] = {
-    "backlash": make_set_rule("play", "half_width"),
+    "backlash": add_play,
     "joint_compliance": make_set_rule("spring", "stiffness"),
     "coulomb_friction": make_add_rule("friction", "torque"),
     "stribeck_friction": add_stribeck_friction,
@@ -209,6 +228,11 @@ RULES: Mapping[str, Callable[[PlantBody, Joints, Values], None]] = {
     "deadband": make_set_rule("deadband", "half_width"),
     "payload": add_payload,
     "base_tilt": tilt_base,
+    "motor_curve": limit_torque_by_speed,
+    "acceleration_limit": make_set_rule("acceleration", "acceleration"),
+    "start_torque": make_set_rule("punch", "torque"),
+    "integral_gain": make_set_rule("integral", "gain"),
+    "asymmetric_friction": add_uneven_friction,
     "cogging": add_cogging,
     "cable": add_cable,
     "swinging_load": hang_load,

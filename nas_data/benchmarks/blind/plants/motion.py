@@ -15,6 +15,7 @@ SWEEPS = 3  # iterations of the friction solver, which starts from the previous 
 SPRING_LOSS = 1e-3  # [s] damping over stiffness of an elastic transmission, as the contract's effect has it
 STOP_RATE = 0.3 / STEP  # [rad/s] natural frequency of a link on its gear's flank: as stiff as the step resolves
 FLANK_LOSS = 1.4  # twice the damping ratio of a tooth that hits its flank
+PUNCH_WIDTH = np.radians(0.03)  # error at which a servo's least torque is reached: a fraction of a sensor's step
 
 
 @dataclass
@@ -46,12 +47,52 @@ class Drive(Hideable, Servos):
         """Rotor inertia of drives that are rigidly coupled to their link, else 0 [kg m²], shape (B, n)."""
         return np.where(self.loose, 0.0, self.armature)
 
-    def torque(self, goal: np.ndarray, angle: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """Return the drive's torque [N m], (B, n); a servo's: gain outside the dead band, less damping, saturated."""
+    def torque(self, goal: np.ndarray, angle: np.ndarray, speed: np.ndarray, wound: np.ndarray) -> np.ndarray:
+        """Return the drive's torque [N m], (B, n); a servo's: gain outside the dead band, less damping, saturated.
+
+        Args:
+            goal: Goals of servos [rad], commands of motors [N m], shape (B, n).
+            angle: Of the motors [rad], shape (B, n).
+            speed: Of the motors [rad/s], shape (B, n).
+            wound: Torque by the integral of the servos' errors [N m], shape (B, n).
+        """
         error = goal + self.offset - angle
         felt = error - clip_symmetric(error, self.deadband)
-        wanted = self.gain * felt - self.servo_damping * speed + self.motor * goal
-        return np.asarray(np.minimum(np.maximum(wanted, self.force[..., 0]), self.force[..., 1]))
+        pulled = self.gain * felt
+        if self.has_punch:
+            least = self.punch * np.clip(felt / PUNCH_WIDTH, -1, 1)
+            pulled = np.where(np.abs(least) > np.abs(pulled), least, pulled)
+        wanted = pulled + wound - self.servo_damping * speed + self.motor * goal
+        lowest, highest = self.force[..., 0], self.force[..., 1]
+        if self.has_curve:
+            lowest = np.maximum(lowest, -self.stall - self.back_emf * np.minimum(speed, 0))
+            highest = np.minimum(highest, self.stall - self.back_emf * np.maximum(speed, 0))
+        return np.asarray(np.minimum(np.maximum(wanted, lowest), highest))
+
+    @cached_property
+    def has_punch(self) -> bool:
+        """Whether a servo has a least torque."""
+        return bool(self.punch.any())
+
+    @cached_property
+    def has_curve(self) -> bool:
+        """Whether a torque limit falls with speed."""
+        return bool(self.back_emf.any())
+
+    @cached_property
+    def is_integrating(self) -> bool:
+        """Whether a servo integrates its error."""
+        return bool(self.integral.any())
+
+    def wind(self, wound: np.ndarray, goal: np.ndarray, angle: np.ndarray) -> np.ndarray:
+        """Return the torques by the integrals [N m] one step later, shape (B, n); arguments as for `torque`."""
+        more = wound + STEP * self.integral * (goal + self.offset - angle)
+        return self.limit_integral(more)
+
+    def limit_integral(self, torque: np.ndarray) -> np.ndarray:
+        """Return torques (B, n) [N m] of integrals within the torque limits; zero without an integral gain."""
+        inside = np.minimum(np.maximum(torque, self.force[..., 0]), self.force[..., 1])
+        return np.where(self.integral > 0, inside, 0.0)
 
     @cached_property
     def is_geared_evenly(self) -> bool:
@@ -93,8 +134,8 @@ class Drive(Hideable, Servos):
         return np.asarray(self.heat_rise * (torque / limit) ** 2)
 
     def passive(self, angle: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """Return damping and cogging torque on the motor [N m], shape (B, n)."""
-        losses = -(self.damping + self.viscous) * speed
+        """Return damping, cogging torque and uneven part of the friction on the motor [N m], shape (B, n)."""
+        losses = -(self.damping + self.viscous) * speed - self.uneven
         if not self.cogs.any():
             return losses
         return losses + self.cogs * np.sin(self.cog_count * angle + self.cog_phase)
@@ -165,12 +206,14 @@ class PlantState:
         self.earlier = self.v  # speeds at the previous refresh
         self.angle, self.speed = self.q.copy(), v.copy()
         self.goal = self.commands[:, 0].copy()
+        self.goal_speed = np.zeros_like(q)
+        self.wound: np.ndarray | None = None  # torque by the integrals of errors; known with the first bias
         self.stopping = np.zeros_like(q)
         self.warmth = np.zeros_like(q)  # every episode begins with cold servos
         self.time = 0.0
         self.rigid = not drive.loose.any()
         self.prompt = not drive.delay.any()
-        self.slews = bool(np.isfinite(drive.speed).any())
+        self.slews = bool((np.isfinite(drive.speed) | np.isfinite(drive.acceleration)).any())
 
     def set_commands(self, step: int, commands: np.ndarray) -> None:
         """Replace the commands of one control period, shape (B, n)."""
@@ -194,6 +237,8 @@ class PlantState:
         whole[:, diagonal, diagonal] += self.drive.rigid_armature
         mobility = np.linalg.inv(whole)
         inertia = 1 / mobility[:, diagonal, diagonal]
+        if self.wound is None:  # an arm at rest has been there for long
+            self.wound = self.drive.limit_integral(bias - self.drive.pull(self.q))
         for _ in range(SUBSTEPS):
             self._step(mobility, inertia, bias)
             self.time += STEP
@@ -211,12 +256,14 @@ class PlantState:
         angle = self.q if self.rigid else np.where(loose, self.angle, self.q)
         speed = self.v if self.rigid else np.where(loose, self.speed, self.v)
         pull, goal = drive.pull(self.q), self._compute_goal()
-        if drive.is_geared_evenly:
-            torque = self._weaken(drive.torque(goal, angle, speed))
-        else:
-            *own, ratio = drive.gear(angle, speed, self.q, self.v)
-            own_torque = self._weaken(drive.torque(goal, *own))
-            torque, pull = ratio * own_torque, pull - shift(drive.coupling * own_torque, -1)
+        own_angle, own_speed, ratio = angle, speed, 1.0
+        if not drive.is_geared_evenly:
+            own_angle, own_speed, ratio = drive.gear(angle, speed, self.q, self.v)
+        torque = self._weaken(drive.torque(goal, own_angle, own_speed, self.wound))
+        if drive.is_integrating:
+            self.wound = drive.wind(self.wound, goal, own_angle)
+        if not drive.is_geared_evenly:
+            torque, pull = ratio * torque, pull - shift(drive.coupling * torque, -1)
         turning = torque + drive.passive(angle, speed)
         budget = drive.budget(torque, speed)
         on_link = turning + pull - bias
@@ -281,6 +328,19 @@ class PlantState:
             command = np.take_along_axis(self.commands, np.clip(row, 0, None)[:, None], axis=1)[:, 0]
         if not self.slews:
             return command
-        largest_change = self.drive.speed * STEP
-        self.goal = self.goal + clip_symmetric(command - self.goal, largest_change)
+        self.goal_speed = self._compute_goal_speed(command - self.goal)
+        self.goal = self.goal + STEP * self.goal_speed
         return self.goal
+
+    def _compute_goal_speed(self, error: np.ndarray) -> np.ndarray:
+        """Return the speeds (B, n) at which the goals approach commands that are `error` away [rad, N m].
+
+        A goal with a limited acceleration is never faster than the speed from which it can stop at its command.
+        """
+        wanted = clip_symmetric(error / STEP, self.drive.speed)
+        ramped = np.isfinite(self.drive.acceleration)
+        if not ramped.any():
+            return wanted
+        rate = np.where(ramped, self.drive.acceleration, 0.0)
+        wanted = np.where(ramped, clip_symmetric(wanted, np.sqrt(2 * rate * np.abs(error))), wanted)
+        return np.where(ramped, self.goal_speed + clip_symmetric(wanted - self.goal_speed, rate * STEP), wanted)

@@ -64,6 +64,21 @@ def draw_payload_mass(rng: Rng, constants: Constants, joint: int, faint: bool) -
     return {"mass": float(constants.masses[-1]) * Span(0.3, 2.0, 0.02).draw(rng, faint)}
 
 
+def draw_uneven_friction(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+    """Draw dry friction of which a direction has 1.5 to 9 times as much as the other."""
+    torque = float(read_torque_limits(constants)[joint]) * Span(0.03, 0.25, 0.0005).draw(rng, faint)
+    return {"torque": torque, "difference": float(rng.choice([-1, 1]) * rng.uniform(0.2, 0.8)) * torque}
+
+
+def draw_motor_curve(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+    """Draw a stall torque of 40 to 90 % of the limit, and a no-load speed near typical speeds."""
+    usual = float(USUAL[int(constants.sliding[joint])])
+    return {
+        "stall_torque": float(read_torque_limits(constants)[joint]) * float(rng.uniform(0.4, 0.9)),
+        "no_load_speed": usual * Span(0.8, 3.0, 10.0).draw(rng, faint),
+    }
+
+
 def draw_cogging(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
     """Draw a torque with 8 to 30 periods per turn, or one per 1.5 to 6 cm."""
     torque = float(read_torque_limits(constants)[joint]) * Span(0.05, 0.3, 0.005).draw(rng, faint)
@@ -97,13 +112,17 @@ def draw_eccentric_gear(rng: Rng, constants: Constants, joint: int, faint: bool)
 
 INSIDE: Mapping[str, EffectDraw] = {
     "coulomb_friction": EffectDraw(
-        make_scaled_draw("torque", read_torque_limits, Span(0.03, 0.25, 0.0005)), apart="dry friction"
+        make_scaled_draw("torque", read_torque_limits, Span(0.03, 0.25, 0.0005)), apart=("dry friction",)
     ),
+    "asymmetric_friction": EffectDraw(draw_uneven_friction, apart=("dry friction",)),
     "viscous_friction": EffectDraw(
         make_scaled_draw("coefficient", compute_saturating_friction, Span(0.03, 0.25, 0.0005))
     ),
     "rotor_inertia": EffectDraw(make_scaled_draw("inertia", read_armature, Span(1.0, 4.0, 0.02))),
-    "torque_limit": EffectDraw(make_scaled_draw("torque", read_torque_limits, Span(0.3, 0.8, 0.95))),
+    "torque_limit": EffectDraw(
+        make_scaled_draw("torque", read_torque_limits, Span(0.3, 0.8, 0.95)), apart=("limit",)
+    ),
+    "motor_curve": EffectDraw(draw_motor_curve, apart=("limit",)),
     "payload": EffectDraw(draw_payload_mass, per_joint=False, whole_arm=True),
 }
 # without heat and bending links, whose state goes on from episode to episode, and without a supply, because forces and

@@ -34,7 +34,7 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
 def fit_special_cases(search: Search, h: Hypothesis, number: int) -> list[Hypothesis]:
     """Fit a hypothesis with special cases in place of one effect; empty if it has none."""
     effect = h.effects[number]
-    simpler = [kind for name in effect.confused_with if (kind := find_effect(name)).is_searched()]
+    simpler = [find_effect(name) for name in effect.confused_with]
     names = {kind.name() for kind in simpler if count_parameters(kind) < count_parameters(type(effect))}
     if effect.joint is None or effect.name() in h.description.shared:
         return []
