@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.effects.base import Effect
+from nas_data.gap.confidence import EXPLAINED_FLOORS
 from nas_data.gap.floor import compute_floor_ratios
-from nas_data.gap.name import EXPLAINED_FLOORS, Finding, Naming
+from nas_data.gap.name import Finding, Naming
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
 from nas_data.gap.report import GapReport
@@ -17,11 +18,11 @@ from nas_data.gap.report_parts import (
     ArmGap,
     EffectName,
     EpisodeNumbers,
+    Evidence,
     FittedEffect,
     FittedParameter,
     GapErrors,
     GapFindings,
-    HeldoutErrors,
     JointDescription,
     NamedEffect,
     Placebo,
@@ -114,7 +115,14 @@ def describe_finding(finding: Finding, nominal: Nominal, in_file: bool) -> Named
         joint=effect.joint,
         parameters={name: from_json(FittedParameter, entry) for name, entry in found.items()},
         confidence=finding.confidence,
-        evidence=HeldoutErrors(heldout_error_before=finding.before, heldout_error_after=finding.after, unit=unit.si),
+        evidence=Evidence(
+            heldout_error_before=finding.before,
+            heldout_error_after=finding.after,
+            unit=unit.si,
+            closest_rival=round(finding.support.closest_rival, 3),
+            chosen=round(finding.support.chosen, 3),
+            unexplained=round(finding.support.unexplained, 3),
+        ),
         alternatives=tuple(describe_alternative(rival, error) for rival, error in finding.alternatives),
         equals=tuple(EffectName(name=rival.name(), joint=rival.joint) for rival in finding.equals),
         in_model_xml=in_file,

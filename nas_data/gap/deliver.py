@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.gap.confidence import EXPLAINED_FLOORS
 from nas_data.gap.floor import compute_floor_ratios
-from nas_data.gap.name import EXPLAINED_FLOORS, Naming
+from nas_data.gap.name import Naming
 from nas_data.gap.problem import Problem
 from nas_data.gap.score_model import HeldOutResult, Prediction, predict_held, score_model
 from nas_data.gap.search.constants import ERROR_SHARE

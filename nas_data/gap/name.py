@@ -1,6 +1,5 @@
 """Naming of effects, with confidence and alternatives."""
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -8,6 +7,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from nas_data.effects.base import Effect
+from nas_data.gap.confidence import Support, compute_closeness, measure_support
 from nas_data.gap.search.choose import choose
 from nas_data.gap.search.final import FinalFit, fit_final
 from nas_data.gap.search.firm_friction import make_friction_firm
@@ -18,13 +18,10 @@ from nas_data.gap.search.search import Search
 from nas_data.gap.search.tie_break import break_tie
 from nas_data.joint_units import group_by_kind
 
-SHARPNESS = 4.0  # exponent of a rival's error ratio in its closeness
 SURE_CONFIDENCE = 0.8  # confidence below which an experiment is proposed
 EQUAL_CLOSENESS = 0.8  # closeness above which a rival is listed as equal; 1 for equal predictions
 UNEXPLAINED_FLOORS = 3.0  # noise floors above which a joint may be unexplained
 UNEXPLAINED_SHARE = 0.75  # share of the error before above which such a joint is unexplained
-UNSURE_FLOORS = 2.0  # noise floors above which confidence is reduced
-EXPLAINED_FLOORS = 1.5  # noise floors up to which a joint is explained
 
 
 @dataclass(frozen=True)
@@ -34,7 +31,7 @@ class Finding:
     Attributes:
         effect: Effect with fitted parameters.
         interval: 95 % confidence interval of each parameter.
-        confidence: Probability that name and joint are right.
+        support: What name and joint rest on.
         before: Held-out error without the effect and everything else fitted again [rad; slides m]: of its joint, or of
             the joints of the first kind for an effect of the whole arm.
         after: The same with the effect.
@@ -45,11 +42,16 @@ class Finding:
 
     effect: Effect
     interval: Mapping[str, tuple[float, float]]
-    confidence: float
+    support: Support
     before: float
     after: float
     alternatives: tuple[tuple[Effect, float], ...]
     equals: tuple[Effect, ...] = ()
+
+    @property
+    def confidence(self) -> float:
+        """Probability that name and joint are right."""
+        return self.support.confidence
 
 
 @dataclass(frozen=True)
@@ -173,11 +175,10 @@ def assess(search: Search, kept: Hypothesis, final: FinalFit, number: int) -> tu
         if (h := search.fit_rival(rest.add_effects(twin), kept)) and h.is_finite
     ]
     joints = select_joints(search, effect)
-    confidence = compute_confidence(search, kept, ranked, without)
     finding = Finding(
         effect=final.effects[number],
         interval=final.intervals[number],
-        confidence=confidence,
+        support=measure_support(search, kept, without, ranked, joints),
         before=rms(without.heldout, joints),
         after=rms(kept.heldout, joints),
         alternatives=tuple((h.effects[-1], rms(h.heldout, joints)) for h in [*ranked, *twins]),
@@ -197,19 +198,3 @@ def select_joints(search: Search, effect: Effect) -> list[int]:
 def rms(heldout: np.ndarray, joints: Sequence[int]) -> float:
     """Return the error over some joints of one kind [rad; m] from mean squares (E, n)."""
     return float(np.sqrt(heldout[:, joints].mean()))
-
-
-def compute_confidence(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis], without: Hypothesis) -> float:
-    """Return the confidence in a name from its closest rival and the remaining error.
-
-    docs/concepts/confidence.md derives the formula.
-    """
-    best = max(compute_closeness(search, kept, other) for other in [*ranked, without])
-    rest = float(search.floor_ratios(kept).max())
-    return round(float((1 - 0.5 * best) * min(1.0, (UNSURE_FLOORS / rest) ** 0.5 if rest > UNSURE_FLOORS else 1.0)), 3)
-
-
-def compute_closeness(search: Search, kept: Hypothesis, rival: Hypothesis) -> float:
-    """Return the closeness of a rival's prediction: 1 if as good in every joint, 0 if much worse."""
-    lead = float(search.log_error_ratios(rival, kept).mean(0).min())
-    return min(1.0, math.exp(SHARPNESS * lead))

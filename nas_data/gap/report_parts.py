@@ -52,12 +52,24 @@ class Alternative(EffectName):
 
 
 @dataclass(frozen=True, kw_only=True)
-class HeldoutErrors:
-    """Held-out open-loop RMSE without and with an effect, in `unit`: rad, or m for a slide."""
+class Evidence:
+    """What a name rests on.
+
+    Attributes:
+        heldout_error_before: Held-out open-loop RMSE without the effect, everything else fitted again.
+        heldout_error_after: The same with it.
+        unit: Unit of both errors: rad, or m for a slide.
+        closest_rival: Closeness of the nearest rival: 1 if it predicts as well in every joint, 0 if much worse.
+        chosen: Share of random draws of the episodes in which the name is worth its price.
+        unexplained: Mean squared error of its joints above the noise, with the name over without it.
+    """
 
     heldout_error_before: float
     heldout_error_after: float
     unit: str = HINGE.si
+    closest_rival: float | None = field(default=None, metadata=OPTIONAL)
+    chosen: float | None = field(default=None, metadata=OPTIONAL)
+    unexplained: float | None = field(default=None, metadata=OPTIONAL)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -75,7 +87,7 @@ class NamedEffect(EffectName):
 
     parameters: Mapping[str, FittedParameter]
     confidence: float
-    evidence: HeldoutErrors
+    evidence: Evidence
     alternatives: tuple[Alternative, ...] = ()
     equals: tuple[EffectName, ...] = ()
     in_model_xml: bool = True

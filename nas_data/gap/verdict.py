@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from nas_data.gap.name import EXPLAINED_FLOORS
+from nas_data.gap.confidence import EXPLAINED_FLOORS
 
 NO_GAP = 1.25  # noise floors up to which the given model has no gap
 EXPLAINED = ("explained", "retuned")  # verdicts of models at the noise floor

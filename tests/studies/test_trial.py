@@ -16,7 +16,7 @@ from nas_data.dataset.read import read
 from nas_data.effects.base import make_effect
 from nas_data.errors import OutputExists
 from nas_data.gap.report import GapReport
-from nas_data.gap.report_parts import ArmGap, EpisodeNumbers, FittedParameter, HeldoutErrors, NamedEffect
+from nas_data.gap.report_parts import ArmGap, EpisodeNumbers, Evidence, FittedParameter, NamedEffect
 from nas_data.gap.write_model import MODEL
 from nas_data.hardware.xl320.arm import Configuration, Xl320Arm
 from nas_data.hardware.xl320.control_table import TICK
@@ -171,7 +171,7 @@ def name(effect: str, joint: str | None, confidence: float, **values: float) -> 
             for key, value in values.items()
         },
         confidence=confidence,
-        evidence=HeldoutErrors(heldout_error_before=0.1, heldout_error_after=0.01),
+        evidence=Evidence(heldout_error_before=0.1, heldout_error_after=0.01),
     )
 
 

@@ -188,14 +188,13 @@ INSIDE: Mapping[str, EffectDraw] = {
     "load_friction": EffectDraw(make_draw("ratio", Span(0.1, 0.6, 0.01)), apart=("dry friction",)),
     "rotor_inertia": EffectDraw(make_scaled_draw("inertia", read_armature, Span(0.5, 6.0, 0.5))),
     "servo_stiffness": EffectDraw(draw_gain_factor),
-    "torque_limit": EffectDraw(
-        make_scaled_draw("torque", read_torque_limits, Span(0.5, 0.9, 0.98)), apart=("limit",)
-    ),
+    "torque_limit": EffectDraw(make_scaled_draw("torque", read_torque_limits, Span(0.5, 0.9, 0.98)), apart=("limit",)),
     "motor_curve": EffectDraw(draw_motor_curve, apart=("limit",)),
     "speed_limit": EffectDraw(make_draw("speed", Span(0.5, 6.0, 12.0))),
     "acceleration_limit": EffectDraw(
         # reached within 1/20 to half a second
-        make_scaled_draw("acceleration", compute_top_speeds, Span(2.0, 20.0, 80.0)), apart=("integral and profile",)
+        make_scaled_draw("acceleration", compute_top_speeds, Span(2.0, 20.0, 80.0)),
+        apart=("integral and profile",),
     ),
     "command_delay": EffectDraw(make_draw("delay", Span(0.008, 0.12, 0.001)), whole_arm=True, apart=("delay",)),
     # an integral removes the error that an offset leaves

@@ -214,9 +214,7 @@ def collect(work: TrialWork) -> TrialOutcome:
             for change, data in made.items()
             if "skipped" not in data
         ),
-        skipped=tuple(
-            f"{change.name}: {data['skipped']}" for change, data in made.items() if "skipped" in data
-        ),
+        skipped=tuple(f"{change.name}: {data['skipped']}" for change, data in made.items() if "skipped" in data),
     )
 
 

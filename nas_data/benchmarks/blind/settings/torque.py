@@ -119,9 +119,7 @@ INSIDE: Mapping[str, EffectDraw] = {
         make_scaled_draw("coefficient", compute_saturating_friction, Span(0.03, 0.25, 0.0005))
     ),
     "rotor_inertia": EffectDraw(make_scaled_draw("inertia", read_armature, Span(1.0, 4.0, 0.02))),
-    "torque_limit": EffectDraw(
-        make_scaled_draw("torque", read_torque_limits, Span(0.3, 0.8, 0.95)), apart=("limit",)
-    ),
+    "torque_limit": EffectDraw(make_scaled_draw("torque", read_torque_limits, Span(0.3, 0.8, 0.95)), apart=("limit",)),
     "motor_curve": EffectDraw(draw_motor_curve, apart=("limit",)),
     "payload": EffectDraw(draw_payload_mass, per_joint=False, whole_arm=True),
 }
