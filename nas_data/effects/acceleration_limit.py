@@ -28,7 +28,7 @@ class AccelerationLimit(Effect):
 
     A step becomes a triangle of speed; with `speed_limit` a trapezoid. The command of a velocity servo becomes a ramp.
     The model of a position servo has the goal joint of a servo with a dead band (see `Deadband`), but it is heavy and
-    moved by a limited force. The goal arrives 11 ms late, or up to six physics steps if they are longer than 2 ms.
+    moved by a limited force. The goal follows a moving command 3 ms late, or 1.4 physics steps if they exceed 2 ms.
     """
 
     acceleration: float
