@@ -208,7 +208,7 @@ def test_one_cause_outside_stands_beside_effects_of_the_catalogue(family, settin
             groups.append(hider._draw_other([one for group in groups for one in group], pool))
         kinds = [group[0].effect in sort.outside for group in groups]
         assert kinds == [False] * FAMILIES[family].inside + [True]
-        assert all(group[0].effect in ({**INSIDE, **OUTSIDE}) for group in groups)
+        assert all(group[0].effect in ({**sort.inside, **sort.outside}) for group in groups)
 
 
 def test_a_joint_without_one_before_it_is_not_coupled():
