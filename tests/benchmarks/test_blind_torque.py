@@ -164,7 +164,7 @@ def test_motions_stay_in_range_and_torques_within_their_limits(plant):
     case = draw_case("two", plant, 2, 3, setting="torque")
     constants = Constants.of(case.arm.model())
     assert (np.abs(case.recorded.commands) <= constants.control[:, 1] * (1 + 1e-6)).all()
-    assert (np.abs(case.recorded.positions) < 2 * find_reach(constants.sliding)[:, 1]).all()
+    assert (np.abs(case.recorded.positions) < 3 * find_reach(constants.sliding)[:, 1]).all()
     assert all(mark >= TORQUE.least for mark in case.marks)
 
 

@@ -71,11 +71,11 @@ def draw_uneven_friction(rng: Rng, constants: Constants, joint: int, faint: bool
 
 
 def draw_motor_curve(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
-    """Draw a stall torque of 60 to 100 % of the limit, and a no-load speed of 1.5 to 5 times the typical speed."""
+    """Draw a stall torque of 50 to 90 % of the limit, and a no-load speed of 1 to 4 times the typical speed."""
     usual = float(USUAL[int(constants.sliding[joint])])
     return {
-        "stall_torque": float(read_torque_limits(constants)[joint]) * float(rng.uniform(0.6, 1.0)),
-        "no_load_speed": usual * Span(1.5, 5.0, 15.0).draw(rng, faint),
+        "stall_torque": float(read_torque_limits(constants)[joint]) * float(rng.uniform(0.5, 0.9)),
+        "no_load_speed": usual * Span(1.0, 4.0, 15.0).draw(rng, faint),
     }
 
 
