@@ -62,7 +62,7 @@ class Delivered:
         sensors = [find(model, mujoco.mjtObj.mjOBJ_SENSOR, joint + SENSOR, file) for joint in joints]
         hinges = [find(model, mujoco.mjtObj.mjOBJ_JOINT, joint, file) for joint in joints]
         places = [int(model.jnt_qposadr[hinge]) for hinge in hinges]
-        driven = [find_qpos_indices(model, servo) for servo in servos]
+        driven = [find_qpos_index(model, servo) for servo in servos]
         rests = tuple(tuple({own, *other}) for own, other in zip(places, driven, strict=True))
         moving = tuple(int(model.jnt_dofadr[hinge]) for hinge in hinges)
         return cls(model, rate, servos, tuple(int(model.sensor_adr[sensor]) for sensor in sensors), rests, moving)
@@ -115,16 +115,14 @@ def find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, file: Path) -> i
     return index
 
 
-def find_qpos_indices(model: mujoco.MjModel, actuator: int) -> tuple[int, ...]:
-    """Return the indices in `qpos` of the joints that an actuator drives, of which one may be a goal beside the arm."""
+def find_qpos_index(model: mujoco.MjModel, actuator: int) -> tuple[int, ...]:
+    """Return the index in `qpos` of the joint that an actuator drives alone, which may be a goal beside the arm."""
     kind, target = int(model.actuator_trntype[actuator]), int(model.actuator_trnid[actuator, 0])
     if kind == int(mujoco.mjtTrn.mjTRN_JOINT):
         return (int(model.jnt_qposadr[target]),)
-    if kind != int(mujoco.mjtTrn.mjTRN_TENDON):
-        return ()
-    wraps = slice(model.tendon_adr[target], model.tendon_adr[target] + model.tendon_num[target])
-    joints = model.wrap_objid[wraps][model.wrap_type[wraps] == int(mujoco.mjtWrap.mjWRAP_JOINT)]
-    return tuple(int(address) for address in model.jnt_qposadr[joints])
+    if kind == int(mujoco.mjtTrn.mjTRN_TENDON) and model.tendon_num[target] == 1:
+        return (int(model.jnt_qposadr[model.wrap_objid[model.tendon_adr[target]]]),)
+    return ()
 
 
 def find_actuators(file: Path, joints: Sequence[str]) -> tuple[str, ...]:

@@ -207,7 +207,7 @@ class PlantState:
         self.angle, self.speed = self.q.copy(), v.copy()
         self.goal = self.commands[:, 0].copy()
         self.goal_speed = np.zeros_like(q)
-        self.wound: np.ndarray | None = None  # torque by the integrals of errors; known with the first bias
+        self.wound = np.zeros_like(q)  # torque by the integrals of errors
         self.stopping = np.zeros_like(q)
         self.warmth = np.zeros_like(q)  # every episode begins with cold servos
         self.time = 0.0
@@ -237,7 +237,7 @@ class PlantState:
         whole[:, diagonal, diagonal] += self.drive.rigid_armature
         mobility = np.linalg.inv(whole)
         inertia = 1 / mobility[:, diagonal, diagonal]
-        if self.wound is None:  # an arm at rest has been there for long
+        if self.time == 0:  # an arm at rest has been there for long
             self.wound = self.drive.limit_integral(bias - self.drive.pull(self.q))
         for _ in range(SUBSTEPS):
             self._step(mobility, inertia, bias)
@@ -256,14 +256,12 @@ class PlantState:
         angle = self.q if self.rigid else np.where(loose, self.angle, self.q)
         speed = self.v if self.rigid else np.where(loose, self.speed, self.v)
         pull, goal = drive.pull(self.q), self._compute_goal()
-        own_angle, own_speed, ratio = angle, speed, 1.0
-        if not drive.is_geared_evenly:
-            own_angle, own_speed, ratio = drive.gear(angle, speed, self.q, self.v)
-        torque = self._weaken(drive.torque(goal, own_angle, own_speed, self.wound))
-        if drive.is_integrating:
-            self.wound = drive.wind(self.wound, goal, own_angle)
-        if not drive.is_geared_evenly:
-            torque, pull = ratio * torque, pull - shift(drive.coupling * torque, -1)
+        if drive.is_geared_evenly:
+            torque = self._drive(goal, angle, speed)
+        else:
+            *own, ratio = drive.gear(angle, speed, self.q, self.v)
+            own_torque = self._drive(goal, *own)
+            torque, pull = ratio * own_torque, pull - shift(drive.coupling * own_torque, -1)
         turning = torque + drive.passive(angle, speed)
         budget = drive.budget(torque, speed)
         on_link = turning + pull - bias
@@ -276,6 +274,13 @@ class PlantState:
         free = self.v + STEP * (mobility @ on_link[..., None])[..., 0]
         self.v = self._apply_friction(free, STEP * mobility, held)
         self.q = self.q + STEP * self.v
+
+    def _drive(self, goal: np.ndarray, angle: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        """Return the drives' torques (B, n) [N m] at their own angles and speeds, and advance the integrals."""
+        torque = self._weaken(self.drive.torque(goal, angle, speed, self.wound))
+        if self.drive.is_integrating:
+            self.wound = self.drive.wind(self.wound, goal, angle)
+        return torque
 
     def _weaken(self, torque: np.ndarray) -> np.ndarray:
         """Return the torques (B, n) [N m] that warm servos on a sagging supply give in place of the wanted ones."""
