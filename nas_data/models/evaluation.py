@@ -15,6 +15,7 @@ from nas_data.metrics import Errors, format_error_table
 from nas_data.models.augmented import LearnedStepper
 from nas_data.models.episodes import pad, read_episodes
 from nas_data.models.lstm import DynamicsModel
+from nas_data.models.regimes import RegimeErrors
 from nas_data.models.threads import one_thread
 from nas_data.open_loop import make_batches, pad_commands, roll_out_source
 from nas_data.pairing import pair, read_initial_states
@@ -45,6 +46,7 @@ class Evaluation:
         rollouts: Open-loop states of each episode, shape (T, 2n), by predictor.
         diverged: Time of divergence [s after the start] by episode, by predictor.
         notes: Further sentences on predictors.
+        regimes: Open-loop errors of source and source + φ by regime of the motion; None without φ.
     """
 
     one_step: dict[str, Errors]
@@ -52,6 +54,7 @@ class Evaluation:
     rollouts: dict[str, list[np.ndarray]]
     diverged: dict[str, dict[int, float]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    regimes: RegimeErrors | None = None
 
     def __repr__(self) -> str:
         """Return the open-loop error of each predictor in one line."""
@@ -64,14 +67,15 @@ class Evaluation:
         return self.text()
 
     def text(self) -> str:
-        """Return both tables, followed by divergences and notes."""
+        """Return both tables, followed by divergences, notes and the table of regimes."""
         steps = format_error_table(self.one_step, "One step: RMSE of the next position")
         loop = format_error_table(self.open_loop, "Open loop: RMSE of positions, started once per episode")
         divergences = [
             describe_divergence(name, times, len(self.rollouts[name])) for name, times in self.diverged.items()
         ]
         legend = [f"  {name}: {means}" for name, means in LEGEND.items() if name in self.open_loop]
-        return "\n".join([f"{steps}\n\n{loop}", *legend, *divergences, *self.notes])
+        regimes = [f"\n{self.regimes.text()}"] if self.regimes else []
+        return "\n".join([f"{steps}\n\n{loop}", *legend, *divergences, *self.notes, *regimes])
 
     def episodes_text(self) -> str:
         """Return a table of the open-loop errors by episode and predictor, for the first kind of joints."""
@@ -96,6 +100,7 @@ class Evaluation:
                 name: [{"episode": episode, "after_s": seconds} for episode, seconds in times.items()]
                 for name, times in self.diverged.items()
             },
+            "regimes": self.regimes.to_json() if self.regimes else None,
         }
 
 
@@ -157,7 +162,14 @@ def evaluate(
         {name: Errors.of(joints, predicted, measured, dataset.slides) for name, predicted in rollouts.items()},
         rollouts,
         {name: times for name, predicted in rollouts.items() if (times := find_divergences(predicted, dataset.fps))},
+        regimes=compare_regimes(dataset, rollouts),
     )
+
+
+def compare_regimes(dataset: Dataset, rollouts: Mapping[str, list[np.ndarray]]) -> RegimeErrors | None:
+    """Return the errors of source and source + φ by regime; None if one of them was not rolled out."""
+    names = ("source", MODEL["delta"])
+    return RegimeErrors.of(dataset, *(rollouts[name] for name in names)) if set(names) <= set(rollouts) else None
 
 
 def find_divergences(rollouts: Sequence[np.ndarray], rate: float) -> dict[int, float]:
