@@ -42,6 +42,7 @@ class TrainingOptions:
         seed: Seed of weights, order and windows.
         corrects: Whether φ corrects `state` or `command`; see `DynamicsModel`.
         symmetric: Whether φ that corrects commands is equivariant under the symmetry of the source's model.
+        stiction: Whether joints stand still below a threshold, in φ of an arm that takes positions; see `stiction.py`.
     """
 
     preset: str = "fast"
@@ -68,6 +69,7 @@ class TrainingOptions:
     seed: int = 0
     corrects: Corrected = "state"
     symmetric: bool = False
+    stiction: bool = False
 
     def __post_init__(self) -> None:
         if not 0 < self.validation < 1:
@@ -82,6 +84,8 @@ class TrainingOptions:
             raise OptionError("Epochs, updates, segment, patience and seed must not be negative.")
         if self.symmetric and self.corrects != "command":
             raise OptionError("A symmetry needs a φ that corrects commands.")
+        if self.stiction and self.corrects != "state":
+            raise OptionError("Stiction needs a φ that corrects states.")
 
 
 FEW = TrainingOptions(

@@ -1,0 +1,132 @@
+"""Stiction in φ: joints stand still below their thresholds, and are corrected as before far above them."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.linear_samples import LinearSimulator, draw, network, silent
+from support.training_samples import TINY
+
+from nas_data.errors import CheckpointError, OptionError
+from nas_data.models import checkpoint
+from nas_data.models.augmented import LearnedStepper
+from nas_data.models.inference.onnx_network import OnnxNetwork
+from nas_data.models.inference.torch_network import TorchNetwork
+from nas_data.models.lstm import DynamicsModel
+from nas_data.models.presets import preset
+from nas_data.models.stiction import compute_share, hold_below_threshold, hold_in_place
+
+FAR = 1e3  # output for a threshold far above every displacement
+WAYS = {"onnx": OnnxNetwork, "torch": TorchNetwork}
+
+
+def with_thresholds(output: float, seed: int = 0, **options) -> DynamicsModel:
+    """Return a random φ whose outputs for the thresholds are constant."""
+    model = network(stiction=True, seed=seed, **options)
+    n = len(model.joints)
+    for part in (model.outer, model.shortcut):
+        part.weight[-n:] = 0
+        part.bias[-n:] = 0
+    model.outer.bias[-n:] = output
+    return model
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_joints_below_their_thresholds_stand_still_in_closed_loop(way, monkeypatch):
+    monkeypatch.setattr("nas_data.models.augmented.prepare_inference", WAYS[way])
+    source = LinearSimulator.draw(0)
+    stepper = LearnedStepper(source.stepper(3), with_thresholds(FAR))
+    start = np.random.default_rng(1).normal(size=(3, 4))
+    stepper.reset(start)
+    for _ in range(250):
+        states = stepper.step(np.ones((3, 2)))
+    np.testing.assert_allclose(states[:, :2], start[:, :2], atol=2e-5)
+    np.testing.assert_allclose(states[:, 2:], 0, atol=1e-6)
+
+
+def test_without_thresholds_phi_corrects_as_one_without_stiction():
+    model = with_thresholds(-FAR)
+    plain = network()
+    weights = model.state_dict()
+    weights.pop("threshold_scale")
+    plain.load_state_dict({name: value[: len(plain.state_dict()[name])] for name, value in weights.items()})
+    inputs = draw(plain, 2, 5)
+    torch.testing.assert_close(model.changes(*inputs)[0], plain.changes(*inputs)[0], rtol=0, atol=1e-5)
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    st.lists(st.floats(-1, 1), min_size=3, max_size=3),
+    st.lists(st.floats(0, 1), min_size=3, max_size=3),
+)
+def test_a_displacement_is_reduced_by_the_threshold_and_never_reversed(displacement, threshold):
+    moves, thresholds = np.array(displacement), np.array(threshold)
+    moved = compute_share(moves, thresholds) * moves
+    np.testing.assert_allclose(np.abs(moved), np.maximum(np.abs(moves) - thresholds, 0), atol=1e-6)
+    assert (moved * moves >= 0).all()
+
+
+def test_training_and_inference_compute_the_same():
+    rng = np.random.default_rng(0)
+    outputs, states, predicted = rng.normal(size=(5, 9)), *rng.normal(size=(2, 5, 6))
+    scale = np.array([0.1, 1.0, 10.0])
+    tensors = (torch.from_numpy(part) for part in (outputs[:, :6], outputs[:, 6:], scale, states, predicted))
+    expected = hold_below_threshold(*tensors).numpy()
+    np.testing.assert_allclose(hold_in_place(outputs, scale, states, predicted), expected, atol=1e-12)
+
+
+def test_a_joint_at_its_threshold_has_a_finite_gradient():
+    outputs = torch.zeros(1, 2, requires_grad=True)
+    states = torch.zeros(1, 4, requires_grad=True)
+    hold_below_threshold(torch.zeros(1, 4), outputs, torch.ones(2), states, torch.zeros(1, 4)).sum().backward()
+    assert torch.isfinite(outputs.grad).all()
+    assert torch.isfinite(states.grad).all()
+
+
+def test_a_checkpoint_keeps_stiction(tmp_path):
+    model = with_thresholds(0.5)
+    read = checkpoint.load_for_inference(checkpoint.save(model, tmp_path / "phi"))
+    assert read.stiction
+    inputs = draw(model, 2, 5)
+    assert torch.equal(read.changes(*inputs)[0], model.changes(*inputs)[0])
+
+
+def test_a_checkpoint_without_the_option_is_one_without_stiction(tmp_path):
+    model = network()
+    folder = checkpoint.save(model, tmp_path / "phi")
+    config = json.loads((folder / "config.json").read_text())
+    config.pop("stiction")
+    (folder / "config.json").write_text(json.dumps(config))
+    read = checkpoint.load_for_inference(folder)
+    assert not read.stiction
+    inputs = draw(model, 2, 5)
+    assert torch.equal(read.changes(*inputs)[0], model.changes(*inputs)[0])
+
+
+def test_a_checkpoint_whose_stiction_is_no_flag_is_refused(tmp_path):
+    folder = checkpoint.save(network(), tmp_path / "phi")
+    config = json.loads((folder / "config.json").read_text()) | {"stiction": "yes"}
+    (folder / "config.json").write_text(json.dumps(config))
+    with pytest.raises(CheckpointError, match="stiction"):
+        checkpoint.load_for_inference(folder)
+
+
+def test_stiction_is_of_phi_that_corrects_states():
+    with pytest.raises(ValueError, match="stiction"):
+        DynamicsModel("forward", ["m1"], stiction=True)
+    with pytest.raises(OptionError, match="Stiction"):
+        preset("symmetric", stiction=True)
+    assert not preset("paper").stiction
+    assert not TINY.stiction
+
+
+def test_a_silent_phi_with_stiction_moves_a_little_less_than_the_source():
+    model = silent(network(stiction=True))
+    states, commands, predicted = draw(model, 2, 4)
+    after = model.next_states(states, commands, predicted)[0]
+    moved, wanted = (after - states)[..., :2].abs(), (predicted - states)[..., :2].abs()
+    assert (moved < wanted).all()
+    torch.testing.assert_close(moved, (wanted - 0.0486).clamp_min(0), rtol=0, atol=1e-3)
