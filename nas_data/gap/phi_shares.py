@@ -12,7 +12,7 @@ from nas_data.gap.report_parts import LearnedCorrection
 from nas_data.joint_units import SHARE, JointUnit, group_by_kind
 from nas_data.metrics import Errors
 from nas_data.models.evaluation import roll_out_model
-from nas_data.models.presets import preset
+from nas_data.models.presets import choose_preset, preset
 from nas_data.models.regimes import RegimeErrors
 from nas_data.models.run import TrainingRun
 from nas_data.models.training import ModelTraining, compute_error_scales
@@ -49,7 +49,8 @@ def learn_correction(
     given, written = (load_simulator(model, period, dataset.joints) for model in models)
     train, held = (pair(dataset.select(list(numbers)), written) for numbers in episodes)
     shutil.rmtree(folder / PHI, ignore_errors=True)
-    training = ModelTraining("delta", train, preset("fast", updates=updates), written, {"source": written.describe()})
+    options = preset(choose_preset("delta", train.commands_positions), updates=updates)
+    training = ModelTraining("delta", train, options, written, {"source": written.describe()})
     phi = TrainingRun(training, folder / PHI, say, collect_source_files(find_robot(models[1]))).run()
     source, corrected = roll_out_source(held, written), roll_out_model(held, written, phi)
     for finding in RegimeErrors.of(held, source, corrected).list_findings():
