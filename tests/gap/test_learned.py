@@ -65,7 +65,7 @@ def test_a_phi_that_helps_is_delivered_with_its_source(named: tuple[Problem, Pat
     assert model.provenance["source"] == MujocoSimulator.load(folder / "model.xml", 0.01).describe()
 
 
-@pytest.mark.parametrize(("change", "sentence"), [(0.02, "with it"), (np.nan, "it diverges")])
+@pytest.mark.parametrize(("change", "sentence"), [(1.0, "with it"), (np.nan, "it diverges")])
 def test_a_phi_that_harms_is_left_out(named: tuple[Problem, Path], monkeypatch: pytest.MonkeyPatch, change, sentence):
     def harm(held, source, phi):
         return [states + change for states in roll_out_model(held, source, phi)]

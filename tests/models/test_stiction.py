@@ -1,6 +1,7 @@
 """Stiction in φ: joints stand still below their thresholds, and are corrected as before far above them."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.linear_samples import LinearSimulator, draw, network, silent
-from support.training_samples import TINY
+from support.recording_samples import recorded_on, wander
+from support.training_samples import TINY, history, train
 
 from nas_data.errors import CheckpointError, OptionError
 from nas_data.models import checkpoint
@@ -16,8 +18,10 @@ from nas_data.models.augmented import LearnedStepper
 from nas_data.models.inference.onnx_network import OnnxNetwork
 from nas_data.models.inference.torch_network import TorchNetwork
 from nas_data.models.lstm import DynamicsModel
-from nas_data.models.presets import preset
+from nas_data.models.presets import choose_preset, preset
 from nas_data.models.stiction import compute_share, hold_below_threshold, hold_in_place
+from nas_data.models.training import ModelTraining
+from nas_data.pairing import pair
 
 FAR = 1e3  # output for a threshold far above every displacement
 WAYS = {"onnx": OnnxNetwork, "torch": TorchNetwork}
@@ -130,3 +134,39 @@ def test_a_silent_phi_with_stiction_moves_a_little_less_than_the_source():
     moved, wanted = (after - states)[..., :2].abs(), (predicted - states)[..., :2].abs()
     assert (moved < wanted).all()
     torch.testing.assert_close(moved, (wanted - 0.0486).clamp_min(0), rtol=0, atol=1e-3)
+
+
+def test_phi_of_an_arm_that_takes_positions_has_stiction_by_default(swings):
+    options = replace(TINY, stiction=True)
+    assert ModelTraining("delta", swings, options, device="cpu").model.stiction
+    assert not ModelTraining("forward", swings, options, device="cpu").model.stiction
+    assert choose_preset("delta", commands_positions=True) == "stiction"
+    assert preset("stiction").stiction
+    assert (
+        choose_preset("delta", commands_positions=False) == choose_preset("forward", commands_positions=True) == "fast"
+    )
+
+
+def test_phi_of_an_arm_that_takes_torques_has_none():
+    source = replace(LinearSimulator.draw(0), commands_effort=True)
+    dataset = pair(recorded_on(source, wander((60, 45), 2)), source)
+    assert not ModelTraining("delta", dataset, replace(TINY, stiction=True), device="cpu").model.stiction
+
+
+def test_training_starts_from_low_thresholds_and_the_linear_shortcut(swings):
+    plain, sticky = (
+        ModelTraining("delta", swings, replace(TINY, stiction=flag), device="cpu") for flag in (False, True)
+    )
+    outputs = len(plain.model.shortcut.bias)
+    torch.testing.assert_close(sticky.model.shortcut.weight[:outputs], plain.model.shortcut.weight)
+    assert not sticky.model.shortcut.weight[outputs:].any()
+    assert not sticky.model.shortcut.bias[outputs:].any()
+    moves = np.diff(swings.states[:60, 0])
+    assert 0.3 < float(sticky.model.get_buffer("threshold_scale")) / moves.std() < 3
+
+
+@pytest.mark.parametrize("updates", [0, 40])
+def test_both_trainings_reduce_the_error_of_phi_with_stiction(swings, tmp_path, updates):
+    train(swings, tmp_path / "phi", options=replace(TINY, stiction=True, updates=updates))
+    rows = history(tmp_path / "phi")
+    assert rows[-1]["validation"] < rows[0]["validation"]
