@@ -40,7 +40,8 @@ def hold_below_threshold(changes: Tensor, outputs: Tensor, scale: Tensor, states
     corrected = predicted + changes
     displacement = corrected[..., :n] - states[..., :n]
     share = compute_share(displacement, scale * functional.softplus(outputs + CLOSED))
-    after = torch.cat([states[..., :n] + share * displacement, share * corrected[..., n:]], dim=-1)
+    # near the threshold the slope of the share is 1 / τ, with which gradients of velocities would explode
+    after = torch.cat([states[..., :n] + share * displacement, share.detach() * corrected[..., n:]], dim=-1)
     return after - predicted
 
 

@@ -19,7 +19,7 @@ from nas_data.models.inference.onnx_network import OnnxNetwork
 from nas_data.models.inference.torch_network import TorchNetwork
 from nas_data.models.lstm import DynamicsModel
 from nas_data.models.presets import choose_preset, preset
-from nas_data.models.stiction import compute_share, hold_below_threshold, hold_in_place
+from nas_data.models.stiction import CLOSED, compute_share, hold_below_threshold, hold_in_place
 from nas_data.models.training import ModelTraining
 from nas_data.pairing import pair
 
@@ -88,6 +88,17 @@ def test_a_joint_at_its_threshold_has_a_finite_gradient():
     hold_below_threshold(torch.zeros(1, 4), outputs, torch.ones(2), states, torch.zeros(1, 4)).sum().backward()
     assert torch.isfinite(outputs.grad).all()
     assert torch.isfinite(states.grad).all()
+
+
+def test_gradients_just_above_a_threshold_are_bounded():
+    changes = torch.zeros(1, 4)
+    changes[0, :2], changes[0, 2:] = 1.001e-4, 5.0
+    changes.requires_grad_()
+    outputs = torch.full((1, 2), np.log(np.expm1(1.0)) - CLOSED, requires_grad=True)  # thresholds of one unit
+    states, predicted = torch.zeros(2, 1, 4)
+    hold_below_threshold(changes, outputs, torch.full((2,), 1e-4), states, predicted).sum().backward()
+    assert float(changes.grad.abs().max()) < 2
+    assert float(outputs.grad.abs().max()) < 2
 
 
 def test_a_checkpoint_keeps_stiction(tmp_path):
