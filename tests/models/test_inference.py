@@ -133,8 +133,9 @@ def test_torch_stands_in_where_a_package_is_absent(monkeypatch, package):
         np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-6)
 
 
-def test_an_augmented_environment_lives_the_same_episodes_in_both_ways(monkeypatch):
-    model = network("delta", TASK.joints, hidden=128)
+@pytest.mark.parametrize("stiction", [False, True])
+def test_an_augmented_environment_lives_the_same_episodes_in_both_ways(monkeypatch, stiction):
+    model = network("delta", TASK.joints, hidden=128, stiction=stiction)
     model.get_buffer("output_std").fill_(1e-3)
     model.get_buffer("output_mean").zero_()
     arms = []
