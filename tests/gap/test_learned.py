@@ -15,6 +15,7 @@ from nas_data.gap import phi_shares
 from nas_data.gap.problem import Problem
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_parts import LearnedCorrection
+from nas_data.gap.showing.page import describe_shares
 from nas_data.gap.summary import describe_learned, list_findings, summarise
 from nas_data.gap.workflow import train_on_top
 from nas_data.gap.write_model import write_model
@@ -86,6 +87,8 @@ def test_the_report_says_that_phi_is_left_out(tmp_path: Path):
     assert "φ is left out, as it does not help: on held-out episodes the error is 1.15° with it, 0.57° without it" in (
         list_findings(report)
     )
+    on_page = describe_shares(replace(report, verdict="partly_explained"))
+    assert any("φ is left out" in str(block) for block in on_page)
     report.write(tmp_path)
     assert GapReport.load(tmp_path).phi == left_out
 
