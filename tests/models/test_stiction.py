@@ -12,13 +12,17 @@ from support.linear_samples import LinearSimulator, draw, network, silent
 from support.recording_samples import recorded_on, wander
 from support.training_samples import TINY, history, train
 
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, make_position_feature, make_state_feature
 from nas_data.errors import CheckpointError, OptionError
 from nas_data.models import checkpoint
 from nas_data.models.augmented import LearnedStepper
+from nas_data.models.evaluation import evaluate
 from nas_data.models.inference.onnx_network import OnnxNetwork
 from nas_data.models.inference.torch_network import TorchNetwork
 from nas_data.models.lstm import DynamicsModel
 from nas_data.models.presets import choose_preset, preset
+from nas_data.models.run import TrainingRun
 from nas_data.models.stiction import CLOSED, compute_share, hold_below_threshold, hold_in_place
 from nas_data.models.training import ModelTraining
 from nas_data.pairing import pair
@@ -181,3 +185,40 @@ def test_both_trainings_reduce_the_error_of_phi_with_stiction(swings, tmp_path, 
     train(swings, tmp_path / "phi", options=replace(TINY, stiction=True, updates=updates))
     rows = history(tmp_path / "phi")
     assert rows[-1]["validation"] < rows[0]["validation"]
+
+
+DRY = 0.1  # [rad] error of the servo below which the joint of the test does not move
+
+
+def record_sticking_joint(commands: np.ndarray) -> Dataset:
+    """Return episodes of a joint that goes 30 % of the way by which its command exceeds `DRY`; commands are (B, T)."""
+    states = [np.zeros((len(commands), 2))]
+    for command in commands.T:
+        pull = command - states[-1][:, 0]
+        move = 0.3 * np.sign(pull) * np.maximum(np.abs(pull) - DRY, 0)
+        states.append(np.stack([states[-1][:, 0] + move, move / 0.02], axis=1))
+    before, after = (np.stack(part, axis=1).reshape(-1, 2).astype(np.float32) for part in (states[:-1], states[1:]))
+    features = {
+        STATE: make_state_feature(("m1",)),
+        ACTION: make_position_feature(("m1",)),
+        NEXT_STATE: make_state_feature(("m1",)),
+    }
+    columns = {STATE: before, ACTION: commands.reshape(-1, 1).astype(np.float32), NEXT_STATE: after}
+    return Dataset(features, columns, np.full(len(commands), commands.shape[1]), 50.0)
+
+
+@pytest.mark.slow
+def test_phi_with_stiction_learns_where_a_sticking_joint_stops(tmp_path):
+    rng = np.random.default_rng(0)
+    source = LinearSimulator(("m1",), a=np.array([[0.2, 0], [-40, 0]]), b=np.array([[0.8], [40]]))  # does not stick
+    taught = pair(record_sticking_joint(np.repeat(rng.uniform(-1, 1, (24, 10)), 20, axis=1)), source)
+    unseen = record_sticking_joint(np.repeat(rng.uniform(-1, 1, (6, 2)), 300, axis=1))
+    errors, drifts = {}, {}
+    for stiction in (False, True):
+        options = replace(TINY, stiction=stiction, updates=120, frames=800, horizon=60, discount=0.97)
+        training = ModelTraining("delta", taught, options, source, device="cpu")
+        found = evaluate(unseen, source, TrainingRun(training, tmp_path / str(stiction), print).run())
+        errors[stiction] = found.open_loop["source + φ"].overall
+        drifts[stiction] = found.holding.average("source + φ")
+    assert errors[True] < 0.5 * errors[False]
+    assert drifts[True] < 0.5 * drifts[False]
