@@ -224,7 +224,7 @@ class LearnedCorrection:
     @property
     def shares(self) -> Shares:
         """Shares of the squared error of the given model; without φ if it is left out."""
-        before, after = self.given**2, self.written**2
+        before, after = max(self.given**2, 1e-18), self.written**2
         if self.corrected is None or not self.helps:
             return Shares(names=1 - after / before, left=after / before)
         left = self.corrected**2

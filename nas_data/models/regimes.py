@@ -13,6 +13,7 @@ from nas_data.text_table import align_columns
 SPAN = 0.5  # [s] over which speeds are measured: an encoder tick of 0.09° is then 0.2°/s, noise of a resting joint
 # Least measured speed of a joint [rad/s]; slides are scaled by `compute_angle_scales`.
 REGIMES: Mapping[str, float] = {"holding": 0.0, "slow": math.radians(1.0), "fast": math.radians(20.0)}
+NEGLIGIBLE = 1e-4  # [rad; m] errors below it, such as those of joints that never move, are not held against φ
 SPEEDS = {"holding": "below 1°/s", "slow": "1 to 20°/s", "fast": "above 20°/s"}
 
 
@@ -75,7 +76,7 @@ class RegimeErrors:
 
     def find_harmed_joints(self) -> dict[str, list[str]]:
         """Return the joints whose error φ does not reduce, by regime with such joints."""
-        worse = (self.frames > 0) & ~(self.corrected < self.source)
+        worse = (self.frames > 0) & ~((self.corrected < self.source) | (self.corrected < NEGLIGIBLE**2))
         return {
             name: [self.joints[place] for place in np.flatnonzero(row)]
             for name, row in zip(REGIMES, worse, strict=True)
