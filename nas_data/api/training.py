@@ -24,7 +24,7 @@ from nas_data.dataset.origin import find_identity, kept_folders
 from nas_data.errors import DatasetInvalid, ModelFileError
 from nas_data.models.evaluation import evaluate as evaluate_predictors
 from nas_data.models.lstm import Kind
-from nas_data.models.presets import TrainingOptions
+from nas_data.models.presets import TrainingOptions, choose_preset
 from nas_data.models.presets import preset as find_preset
 from nas_data.models.run import CHECKPOINT, HISTORY, TrainingRun
 from nas_data.models.training import ModelTraining
@@ -70,7 +70,7 @@ def train_delta(
     model: str | Path | None = None,
     engine: str | None = None,
     out: str | Path | None = None,
-    preset: str | TrainingOptions = "fast",
+    preset: str | TrainingOptions | None = None,
     updates: int | None = None,
     seed: int | None = None,
     device: str | None = None,
@@ -85,7 +85,8 @@ def train_delta(
         engine: `mujoco` or `bullet`; None for the source's own.
         out: Folder for checkpoint, history and TensorBoard files, where an interrupted training resumes; None for
             memory only.
-        preset: `fast`, `few`, `symmetric` or `paper`, or custom options.
+        preset: `stiction`, `fast`, `few`, `symmetric` or `paper`, or custom options; None for `stiction` if the arm
+            takes positions, else `fast`.
         updates: Updates in free running; None for the preset's, 0 for teacher forcing.
         seed: Seed of weights, split, order and windows; None for the preset's; same seed, same bits.
         device: torch device; a GPU by default, if there is one.
@@ -98,9 +99,10 @@ def train_delta(
         OutputExists: `out` holds something else.
         OptionError, UnknownName: a value is out of its range, or there is no such preset.
     """
+    recorded = as_dataset(dataset)
     request = TrainingRequest(
         kind="delta",
-        options=choose_options(preset, updates, seed),
+        options=choose_options(preset or choose_preset("delta", recorded.commands_positions), updates, seed),
         model=model,
         engine=engine,
         out=out,
@@ -108,7 +110,7 @@ def train_delta(
         actuators=actuators,
         progress=progress or silence,
     )
-    return train(as_dataset(dataset), request)
+    return train(recorded, request)
 
 
 def train_forward(

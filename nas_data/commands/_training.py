@@ -25,10 +25,11 @@ class Train(TakesModel):
     """Source that the dataset was paired with, a model file or robot; only needed if the dataset stores none."""
     engine: str | None = None
     """Physics engine of the source: mujoco or bullet. Default: that of the pairing if it is stored, else mujoco."""
-    preset: str = "fast"
-    """Hyperparameters: fast; few, for recordings of a few minutes (one layer, short windows, strong weight decay);
-    symmetric, for equally short recordings of a torque-controlled arm whose model states its symmetries (φ corrects
-    the torques); or paper (teacher forcing, batch 1, learning rate 0.01, 250 epochs)."""
+    preset: str | None = None
+    """Hyperparameters: stiction, by default for φ of an arm that takes positions (joints stand still below a threshold
+    that is learned); fast, by default otherwise; few, for recordings of a few minutes (one layer, short windows, strong
+    weight decay); symmetric, for equally short recordings of a torque-controlled arm whose model states its symmetries
+    (φ corrects the torques); or paper (teacher forcing, batch 1, learning rate 0.01, 250 epochs)."""
     hidden: int | None = None
     """Units of each LSTM layer (128, 256 or 100 in the paper); the preset's by default."""
     epochs: int | None = None
@@ -53,11 +54,16 @@ class Train(TakesModel):
         from nas_data.api.training import TrainingRequest, train
         from nas_data.dataset import versions
         from nas_data.dataset.dataset import Dataset
-        from nas_data.models.presets import preset
+        from nas_data.models.presets import choose_preset, preset
         from nas_data.models.run import CHECKPOINT
 
+        root = versions.resolve(self.dataset)
+        begin(f"reading {root}")
+        dataset = Dataset.load(root, self.episodes)
+        name = versions.find_dataset_name(root).split("/")[0]
+        folder = self.out or Path("runs") / f"{self.kind}-{name}-seed{self.seed}"
         options = preset(
-            self.preset,
+            self.preset or choose_preset(self.kind, dataset.commands_positions),
             hidden=self.hidden,
             epochs=self.epochs,
             updates=self.updates,
@@ -65,10 +71,6 @@ class Train(TakesModel):
             validation=self.validation,
             seed=self.seed,
         )
-        root = versions.resolve(self.dataset)
-        begin(f"reading {root}")
-        name = versions.find_dataset_name(root).split("/")[0]
-        folder = self.out or Path("runs") / f"{self.kind}-{name}-seed{self.seed}"
         request = TrainingRequest(
             kind=self.kind,
             options=options,
@@ -81,7 +83,7 @@ class Train(TakesModel):
             progress=say,
             count=Counting("rolling out held-out episodes"),
         )
-        learned = train(Dataset.load(root, self.episodes), request)
+        learned = train(dataset, request)
         evaluation = learned.held_out
         text = f"{evaluation.text()}\n\n" if evaluation else ""
         title = f"Held out ({learned.split}):\n\n" if evaluation else ""

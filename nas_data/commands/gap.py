@@ -24,7 +24,8 @@ class Gap(TakesModel):
     out: Path
     """Folder of the report; an earlier report in it is replaced."""
     learn: int = 0
-    """Train φ on the remaining gap with this many updates (minutes), and report its share; 0 trains none."""
+    """Train φ on the remaining gap with this many updates (minutes), and report its share; it is left out if it does
+    not help on held-out episodes. 0 trains none."""
 
     def run(self) -> CommandResult:
         """Run all stages."""

@@ -84,6 +84,7 @@ def compose(
         unexplained=find_unexplained(held, outcome.after.positions, after),
         gap=measure_gap(held, outcome, float(f"{naming.final.conditioning:.3g}")),
         shares=measure_shares(held, outcome),
+        phi=outcome.learned,
         placebo=describe_placebo(held, naming),
         next_experiment=experiment.text,
         experiments=experiment.compared,
@@ -204,7 +205,7 @@ def measure_shares(held: FitTask, outcome: HeldOutResult) -> Shares:
     Squares are pooled over hinges if there are any.
     """
     if outcome.learned is not None:
-        return Shares(**outcome.learned)
+        return outcome.learned.shares
     places = select_first_kind(held)
     floor = float((held.floor[places] ** 2).mean())
     before, after = (

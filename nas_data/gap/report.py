@@ -20,6 +20,7 @@ from nas_data.gap.report_parts import (
     EpisodeNumbers,
     GapFindings,
     JointDescription,
+    LearnedCorrection,
     MadeFrom,
     NamedEffect,
     Placebo,
@@ -56,6 +57,7 @@ class GapReport:
         unexplained: Joints with an error above the noise, largest first.
         gap: Errors before and after.
         shares: Explained shares of the gap.
+        phi: Errors without and with φ, which is left out if it does not help; None if it was not trained.
         placebo: Error with a wrong name.
         next_experiment: Proposed experiment; None if all names are certain.
         experiments: All experiments that were compared.
@@ -78,6 +80,7 @@ class GapReport:
     unexplained: tuple[Unexplained, ...]
     gap: ArmGap
     shares: Shares | None = None
+    phi: LearnedCorrection | None = field(default=None, metadata=OPTIONAL)
     placebo: Placebo | None = None
     next_experiment: str | None
     experiments: tuple[TriedExperiment, ...] = ()

@@ -213,6 +213,37 @@ class Shares:
 
 
 @dataclass(frozen=True, kw_only=True)
+class LearnedCorrection:
+    """Open-loop RMSE over whole held-out episodes without and with φ; φ is delivered only if it reduces it.
+
+    Attributes:
+        given: RMSE of the given model, in `unit`.
+        written: RMSE of the written model, which φ corrects.
+        corrected: RMSE with φ; None if it diverges.
+        unit: `rad`, `m` for an arm of slides, or `1` for errors over the spread of hinges and slides.
+    """
+
+    given: float
+    written: float
+    corrected: float | None = None
+    unit: str = HINGE.si
+
+    @property
+    def helps(self) -> bool:
+        """Whether φ reduces the error of the written model."""
+        return self.corrected is not None and self.corrected < self.written
+
+    @property
+    def shares(self) -> Shares:
+        """Shares of the squared error of the given model; without φ if it is left out."""
+        before, after = max(self.given**2, 1e-18), self.written**2
+        if self.corrected is None or not self.helps:
+            return Shares(names=1 - after / before, left=after / before)
+        left = self.corrected**2
+        return Shares(names=1 - after / before, learned=(after - left) / before, left=left / before)
+
+
+@dataclass(frozen=True, kw_only=True)
 class JointGap:
     """RMS position errors of one joint with the given model, in `unit`.
 

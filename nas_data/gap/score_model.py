@@ -10,6 +10,7 @@ from nas_data.effects.base import Effect, Scales
 from nas_data.errors import ModelFileError
 from nas_data.gap.nominal import Nominal, with_timestep
 from nas_data.gap.problem import Problem
+from nas_data.gap.report_parts import LearnedCorrection
 from nas_data.gap.search.final import FinalFit, fit_final
 from nas_data.gap.search.hypothesis import Description
 from nas_data.gap.search.objective import FitTask
@@ -52,7 +53,7 @@ class HeldOutResult:
         expresses_all: Whether the written file expresses every effect.
         delivered: Content of the file: `names`; `names and plain`, with the changes of the plain fit; `names of MJCF
             and plain`, without effects that only `effects.json` expresses; `plain`; or `given`, the given model.
-        learned: Shares of the gap if φ was trained, else None.
+        learned: Errors without and with φ if it was trained, else None.
     """
 
     before: Prediction
@@ -63,7 +64,7 @@ class HeldOutResult:
     model: Path
     expresses_all: bool = True
     delivered: str = "names"
-    learned: Mapping[str, float] | None = None
+    learned: LearnedCorrection | None = None
 
     def contains(self, effect: Effect) -> bool:
         """Whether the written file contains an effect."""

@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 
 from nas_data.gap.report import GapReport
-from nas_data.gap.report_parts import FittedParameter, GapErrors, NamedEffect
+from nas_data.gap.report_parts import FittedParameter, GapErrors, LearnedCorrection, NamedEffect
 from nas_data.joint_units import find_display_unit
 
 VERDICTS = {
@@ -64,6 +64,8 @@ def list_findings(report: GapReport) -> list[str]:
         lines.append("retuned: " + ", ".join(changed) + (f", and {more} more, in report.html" if more else ""))
     beside = f" of the hinges, {describe_errors(gap.slides)} of the slides" if gap.slides else ""
     lines.append(f"open-loop error on held-out episodes: {describe_errors(gap)}{beside}, in {report.seconds:.0f} s")
+    if report.phi:
+        lines.append(describe_learned(report.phi))
     if is_from_initial_states(report):
         lines.append(IN_MOTION)
     if gap.delivered in DELIVERED:
@@ -95,6 +97,16 @@ def describe_errors(gap: GapErrors) -> str:
     plain = "" if gap.plain is None else f"plain fit {unit.text(gap.plain)}, "
     floor = "unknown" if gap.noise_floor is None else unit.text(gap.noise_floor)
     return f"{unit.text(gap.before)} → {unit.text(gap.after)} ({plain}noise floor {floor})"
+
+
+def describe_learned(phi: LearnedCorrection) -> str:
+    """Return a sentence on the errors without and with φ, and on whether it is left out."""
+    unit = find_display_unit(phi.unit)
+    without = unit.text(phi.written)
+    if phi.helps and phi.corrected is not None:
+        return f"φ reduces the error on held-out episodes: {without} → {unit.text(phi.corrected)}"
+    found = "it diverges" if phi.corrected is None else f"the error is {unit.text(phi.corrected)} with it"
+    return f"φ is left out, as it does not help: on held-out episodes {found}, {without} without it"
 
 
 def describe_effect(effect: NamedEffect) -> str:

@@ -3,7 +3,7 @@
 import hashlib
 import shlex
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from nas_data.gap.nominal_parameters import FIRM
 from nas_data.gap.output_folder import check_output_folder, clear_report
 from nas_data.gap.problem import Problem
 from nas_data.gap.report import GapReport
-from nas_data.gap.report_parts import GapFindings, MadeFrom
+from nas_data.gap.report_parts import GapFindings, LearnedCorrection, MadeFrom
 from nas_data.gap.showing.page import show
 from nas_data.gap.write_model import write_difference
 from nas_data.mjcf.export import check_portable
@@ -137,12 +137,12 @@ def record_origin(problem: Problem, folder: Path, learn: int) -> MadeFrom:
     )
 
 
-def train_on_top(problem: Problem, model: Path, updates: int, say: Report) -> Mapping[str, float]:
+def train_on_top(problem: Problem, model: Path, updates: int, say: Report) -> LearnedCorrection:
     """Train φ on the written model; torch is imported here only."""
-    from nas_data.gap.phi_shares import measure_learned_shares
+    from nas_data.gap.phi_shares import learn_correction
 
     numbers = [sorted({int(number) for number in task.evidence.numbers}) for task in (problem.train, problem.held)]
-    return measure_learned_shares(
+    return learn_correction(
         problem.dataset, (problem.as_given.robot, model), (numbers[0], numbers[1]), model.parent, updates, say
     )
 

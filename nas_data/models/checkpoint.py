@@ -129,6 +129,7 @@ OPTION_TYPES: Mapping[str, tuple[str, Callable[[object], bool]]] = {
     "layers": ("a whole number above 0", is_count),
     "relative": ("true or false", is_flag),
     "shortcut": ("true or false", is_flag),
+    "stiction": ("true or false", is_flag),
     "commands_effort": ("true or false", is_flag),
     "fps": ("a number above 0", is_rate),
     "mirror": ("an object of angles", is_angles),

@@ -14,7 +14,9 @@ from nas_data.joint_units import find_joint_unit
 from nas_data.metrics import Errors, format_error_table
 from nas_data.models.augmented import LearnedStepper
 from nas_data.models.episodes import pad, read_episodes
+from nas_data.models.hold_drift import HoldDrift
 from nas_data.models.lstm import DynamicsModel
+from nas_data.models.regimes import RegimeErrors
 from nas_data.models.threads import one_thread
 from nas_data.open_loop import make_batches, pad_commands, roll_out_source
 from nas_data.pairing import pair, read_initial_states
@@ -45,6 +47,8 @@ class Evaluation:
         rollouts: Open-loop states of each episode, shape (T, 2n), by predictor.
         diverged: Time of divergence [s after the start] by episode, by predictor.
         notes: Further sentences on predictors.
+        regimes: Open-loop errors of source and source + φ by regime of the motion; None without φ.
+        holding: Drift in open loop while commands are constant; None without such holds.
     """
 
     one_step: dict[str, Errors]
@@ -52,6 +56,8 @@ class Evaluation:
     rollouts: dict[str, list[np.ndarray]]
     diverged: dict[str, dict[int, float]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    regimes: RegimeErrors | None = None
+    holding: HoldDrift | None = None
 
     def __repr__(self) -> str:
         """Return the open-loop error of each predictor in one line."""
@@ -64,14 +70,15 @@ class Evaluation:
         return self.text()
 
     def text(self) -> str:
-        """Return both tables, followed by divergences and notes."""
+        """Return both tables, followed by divergences, notes and the tables of regimes and holds."""
         steps = format_error_table(self.one_step, "One step: RMSE of the next position")
         loop = format_error_table(self.open_loop, "Open loop: RMSE of positions, started once per episode")
         divergences = [
             describe_divergence(name, times, len(self.rollouts[name])) for name, times in self.diverged.items()
         ]
         legend = [f"  {name}: {means}" for name, means in LEGEND.items() if name in self.open_loop]
-        return "\n".join([f"{steps}\n\n{loop}", *legend, *divergences, *self.notes])
+        more = [f"\n{part.text()}" for part in (self.regimes, self.holding) if part]
+        return "\n".join([f"{steps}\n\n{loop}", *legend, *divergences, *self.notes, *more])
 
     def episodes_text(self) -> str:
         """Return a table of the open-loop errors by episode and predictor, for the first kind of joints."""
@@ -96,6 +103,8 @@ class Evaluation:
                 name: [{"episode": episode, "after_s": seconds} for episode, seconds in times.items()]
                 for name, times in self.diverged.items()
             },
+            "regimes": self.regimes.to_json() if self.regimes else None,
+            "holding": self.holding.to_json() if self.holding else None,
         }
 
 
@@ -157,7 +166,21 @@ def evaluate(
         {name: Errors.of(joints, predicted, measured, dataset.slides) for name, predicted in rollouts.items()},
         rollouts,
         {name: times for name, predicted in rollouts.items() if (times := find_divergences(predicted, dataset.fps))},
+        regimes=compare_regimes(dataset, rollouts),
+        holding=measure_hold_drift(dataset, rollouts) if model is not None else None,
     )
+
+
+def compare_regimes(dataset: Dataset, rollouts: Mapping[str, list[np.ndarray]]) -> RegimeErrors | None:
+    """Return the errors of source and source + φ by regime; None if one of them was not rolled out."""
+    names = ("source", MODEL["delta"])
+    return RegimeErrors.of(dataset, *(rollouts[name] for name in names)) if set(names) <= set(rollouts) else None
+
+
+def measure_hold_drift(dataset: Dataset, rollouts: Mapping[str, list[np.ndarray]]) -> HoldDrift | None:
+    """Return the drift of rollouts while commands are constant; None without such holds, or for torques."""
+    drift = HoldDrift.of(dataset, rollouts) if dataset.commands_positions else None
+    return drift if drift is not None and drift.holds.any() else None
 
 
 def find_divergences(rollouts: Sequence[np.ndarray], rate: float) -> dict[int, float]:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from nas_data.models.episodes import Episode
 from nas_data.models.jacobians import estimate_command_jacobians
@@ -39,11 +40,16 @@ def prepare(model: DynamicsModel, transitions: Episode, simulator: Simulator | N
     for name, values, constant in (("input", inputs, 1.0), ("output", outputs, CONSTANT)):
         model.get_buffer(f"{name}_mean").copy_(values.mean(0))
         model.get_buffer(f"{name}_std").copy_(compute_standard_deviations(values, constant))
+    if model.stiction:
+        n = len(model.joints)
+        moves = (transitions.targets - transitions.states)[:, :n]
+        model.get_buffer("threshold_scale").copy_(compute_standard_deviations(moves, CONSTANT))
     if model.shortcut is not None:
         weight, bias = fit_ridge(model.inputs.normalise(inputs), model.outputs.normalise(outputs))
+        thresholds = model.shortcut.out_features - len(bias)  # they start without a linear part
         with torch.no_grad():
-            model.shortcut.weight.copy_(weight)
-            model.shortcut.bias.copy_(bias)
+            model.shortcut.weight.copy_(functional.pad(weight, (0, 0, 0, thresholds)))
+            model.shortcut.bias.copy_(functional.pad(bias, (0, thresholds)))
             model.outer.weight.mul_(0.1)  # training starts near the linear solution
             model.outer.bias.zero_()
 

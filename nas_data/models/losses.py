@@ -73,7 +73,10 @@ def compute_one_step_loss(model: DynamicsModel, batch: Episode, mask: Tensor, de
     states, commands, predicted = (x.to(device) for x in (batch.states, batch.commands, batch.predicted))
     base = predicted if model.kind == "delta" else states
     wanted = model.outputs.normalise(batch.targets.to(device) - base)
-    outputs, _ = model(model.inputs.normalise(model.raw_inputs(states, commands, predicted)))
+    if model.stiction:
+        outputs = model.outputs.normalise(model.changes(states, commands, predicted)[0])
+    else:
+        outputs, _ = model(model.inputs.normalise(model.raw_inputs(states, commands, predicted)))
     return (outputs.float() - wanted)[mask.to(device)].square().mean()
 
 

@@ -8,6 +8,7 @@ from huggingface_hub import PyTorchModelHubMixin
 from torch import Tensor, nn
 
 from nas_data.models.presets import Corrected
+from nas_data.models.stiction import hold_below_threshold
 from nas_data.models.symmetry import Symmetry
 
 Kind = Literal["delta", "forward"]
@@ -45,6 +46,9 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
     symmetry: it does not read the angles of cyclic joints, and its output for a mirror image is the mirror image of its
     output.
 
+    With `stiction` φ has a threshold for each joint, which the network outputs as well: a joint stands still while its
+    corrected displacement is below the threshold (`stiction.py`).
+
     States are joint positions [rad] then velocities [rad/s], shape (…, 2n); commands (…, n).
     """
 
@@ -62,6 +66,7 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
         corrects: Corrected = "state",
         cyclic: Sequence[str] = (),
         mirror: Mapping[str, float] | None = None,
+        stiction: bool = False,
     ) -> None:
         """Build the network with random weights and neutral normalisation.
 
@@ -78,6 +83,7 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
             corrects: Whether φ corrects the simulated next state (`state`) or the command (`command`).
             cyclic: Joints whose angle does not affect the dynamics; only with `command`.
             mirror: Angle [rad] about which each joint is mirrored in the mirror image; only with `command`.
+            stiction: Whether joints stand still below a threshold; only for φ that corrects states.
 
         Raises:
             ValueError: the kind is unknown, or the options do not fit together.
@@ -91,6 +97,8 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
             raise ValueError("only a delta model of a robot that takes torques corrects commands")
         if (cyclic or mirror) and corrects == "state":
             raise ValueError("only a model that corrects commands can have a symmetry")
+        if stiction and (kind != "delta" or corrects != "state"):
+            raise ValueError("only φ that corrects states has stiction")
         self.kind: Kind = kind
         self.joints = tuple(joints)
         self.relative = relative
@@ -98,18 +106,22 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
         self.fps = fps
         self.provenance = dict(provenance or {})
         self.corrects: Corrected = corrects
+        self.stiction = stiction
         self.symmetry = Symmetry.from_names(joints, cyclic, mirror or {}) if cyclic or mirror else None
         n = len(self.joints)
         width = 5 * n if kind == "delta" and corrects == "state" else 3 * n
         width = self.symmetry.width if self.symmetry else width
-        outputs = 2 * n if corrects == "state" else n
+        changed = 2 * n if corrects == "state" else n
+        outputs = changed + n if stiction else changed
         self.inner = nn.Linear(width, hidden)
         self.lstm = nn.LSTM(hidden, hidden, layers, batch_first=True)
         self.outer = nn.Linear(hidden, outputs)
         self.shortcut = nn.Linear(width, outputs) if shortcut else None
         if corrects == "command":
             self.register_buffer("limit", torch.ones(n))
-        for name, size in (("input", width), ("output", outputs)):
+        if stiction:
+            self.register_buffer("threshold_scale", torch.ones(n))
+        for name, size in (("input", width), ("output", changed)):
             self.register_buffer(f"{name}_mean", torch.zeros(size))
             self.register_buffer(f"{name}_std", torch.ones(size))
 
@@ -148,7 +160,10 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
         return torch.cat([inputs, input_signs * inputs]), torch.cat([outputs, signs * outputs])
 
     def forward(self, inputs: Tensor, memory: Memory | None = None) -> tuple[Tensor, Memory]:
-        """Return normalised outputs (B, T, 2n or n) and the memory after them, for normalised inputs (B, T, width)."""
+        """Return normalised outputs (B, T, 2n or n) and the memory after them, for normalised inputs (B, T, width).
+
+        With stiction the outputs for the thresholds follow, shape (B, T, 3n).
+        """
         if self.symmetry is None:
             return self._run(inputs, memory)
         # mirrored inputs have mean 0, so that their sign can be changed after normalisation
@@ -174,7 +189,10 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
         the state (B, T, 2n).
         """
         outputs, memory = self(self.inputs.normalise(self.raw_inputs(states, commands, predicted)), memory)
-        changes = self.outputs.restore(outputs)
+        changes = self.outputs.restore(outputs[..., : len(self.outputs.std)])
+        if self.stiction:
+            scale, thresholds = self.get_buffer("threshold_scale"), outputs[..., len(self.outputs.std) :]
+            changes = hold_below_threshold(changes, thresholds, scale, states, predicted)
         if self.corrects == "command":
             limit = self.get_buffer("limit")
             changes = limit * torch.tanh(changes / limit)

@@ -108,6 +108,7 @@ class ModelTraining:
                 "validation_unit": self.unit.si if self.unit else None,
             },
             corrects=options.corrects,
+            stiction=options.stiction and kind == "delta" and dataset.commands_positions,
             **(find_symmetry(self.simulator) if options.symmetric and self.simulator else {}),
         )
 

@@ -307,7 +307,7 @@ def test_a_fault_of_ours_ends_one_trial_and_keeps_its_traceback(place, tmp_path,
         (("--model", "ergojr"), "pendulum"),
         (("--kinds", "named", "--effects", "nowhere"), "nowhere"),
         (("--updates", "-1"), "must not be negative"),
-        (("--preset", "slow"), "There is no preset 'slow'; choose one of: fast, few, paper, symmetric."),
+        (("--preset", "slow"), "There is no preset 'slow'; choose one of: fast, few, paper, stiction, symmetric."),
     ],
 )
 def test_bad_input_is_one_sentence_and_writes_nothing(place, here, options, sentence):

@@ -28,7 +28,7 @@ from nas_data.gap.showing.page_words import (
     list_remarks,
 )
 from nas_data.gap.showing.series import Series
-from nas_data.gap.summary import DELIVERED
+from nas_data.gap.summary import DELIVERED, describe_learned
 from nas_data.gap.write_model import DIFFERENCE
 from nas_data.reports.page import Block, HtmlPage, ModelDifference, PageSection, Text
 from nas_data.reports.style import to_png
@@ -124,7 +124,8 @@ def describe_shares(report: GapReport) -> list[Text]:
     named = "named effects and retuning explain" if report.effects else "retuning explains"
     learned = "" if shares.learned is None else f", the learned correction φ {shares.learned:.1%}"
     left = "" if shares.left is None else f"; {shares.left:.1%} is left"
-    return [Text(f"Of the squared error above the noise, {named} {shares.names:.1%}{learned}{left}.")]
+    left_out = [Text(f"{describe_learned(report.phi)}.")] if report.phi and not report.phi.helps else []
+    return [Text(f"Of the squared error above the noise, {named} {shares.names:.1%}{learned}{left}."), *left_out]
 
 
 def make_effects_blocks(report: GapReport) -> list[Block]:

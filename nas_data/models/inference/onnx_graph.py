@@ -3,6 +3,7 @@
 import numpy as np
 from onnx import ModelProto, NodeProto, TensorProto, ValueInfoProto, helper, numpy_helper
 from torch import Tensor
+from torch.nn import functional
 
 from nas_data.models.lstm import DynamicsModel
 
@@ -25,8 +26,9 @@ def build_graph(model: DynamicsModel, size: int) -> ModelProto:
     """Return the graph for a batch of fixed size.
 
     Inputs are `DynamicsModel.raw_inputs` minus `input_mean`, shape (B, width), and hidden and cell state of each layer,
-    shape (1, B, hidden). Outputs are the changes in physical units, shape (B, 2n or n), and the next hidden and cell
-    states. The scales of the normalisation are part of the weights.
+    shape (1, B, hidden). Outputs are the changes in physical units, shape (B, 2n or n), with stiction followed by the
+    outputs for the thresholds, (B, 3n), and the next hidden and cell states. The scales of the normalisation are part
+    of the weights.
 
     Args:
         model: φ or ψ.
@@ -71,7 +73,10 @@ def build_nodes(model: DynamicsModel, layers: int, hidden: int) -> list[NodeProt
 
 def collect_linear_weights(model: DynamicsModel) -> dict[str, np.ndarray]:
     """Return the weights of the linear layers, including the scales of inputs and outputs."""
-    input_scale, output_scale = model.inputs.std.double(), model.outputs.std.double()[:, None]
+    thresholds = model.outer.out_features - len(model.outputs.std)  # their outputs are not normalised
+    input_scale = model.inputs.std.double()
+    mean = functional.pad(model.outputs.mean.double(), (0, thresholds))
+    output_scale = functional.pad(model.outputs.std.double(), (0, thresholds), value=1.0)[:, None]
     bias, shortcut = model.outer.bias.double(), {}
     if model.shortcut is not None:
         bias = bias + model.shortcut.bias.double()
@@ -80,7 +85,7 @@ def collect_linear_weights(model: DynamicsModel) -> dict[str, np.ndarray]:
         "inner_weight": to_array(model.inner.weight.double() / input_scale),
         "inner_bias": to_array(model.inner.bias),
         "outer_weight": to_array(model.outer.weight.double() * output_scale),
-        "outer_bias": to_array(model.outputs.restore(bias)),
+        "outer_bias": to_array(bias * output_scale[:, 0] + mean),
         "time": np.array([0]),  # index of the time axis
     }
 

@@ -6,6 +6,7 @@ import onnxruntime
 from nas_data.models.inference.base import InferenceNetwork
 from nas_data.models.inference.onnx_graph import CHANGES, INPUTS, build_graph, name_cell_state, name_hidden_state
 from nas_data.models.lstm import DynamicsModel
+from nas_data.models.stiction import hold_in_place
 
 ERRORS = 3  # ONNX Runtime's log level for errors only
 
@@ -22,6 +23,7 @@ class OnnxNetwork(InferenceNetwork):
         self._joints = len(model.joints)
         self._relative, self._delta = model.relative, model.kind == "delta"
         self._from_position = model.relative and not model.commands_effort
+        self._threshold_scale = model.get_buffer("threshold_scale").cpu().numpy() if model.stiction else None
         self._mean = model.inputs.mean.cpu().numpy()
         self._inputs = np.zeros((rows, model.inner.in_features), np.float32)
         self._changes = np.zeros((rows, model.outer.out_features), np.float32)
@@ -36,6 +38,8 @@ class OnnxNetwork(InferenceNetwork):
         self._fill_inputs(states, commands, predicted)
         self._session.run_with_iobinding(self._bindings[self._turn])
         self._turn = 1 - self._turn
+        if self._threshold_scale is not None:
+            return hold_in_place(self._changes, self._threshold_scale, states, predicted)
         return self._changes
 
     def reset_memory(self, rows: np.ndarray | slice) -> None:
