@@ -21,7 +21,7 @@ class Support:
     Attributes:
         closest_rival: Closeness of the nearest rival: 1 if it predicts as well in every joint, 0 if much worse.
         chosen: Share of random draws of the episodes in which the score is lower with the name than without it.
-        unexplained: Mean squared error of its joints above the noise, with the name over without it.
+        unexplained: RMS error of its joints above the noise, with the name over without it.
     """
 
     closest_rival: float
@@ -82,10 +82,10 @@ def misfits_of(search: Search, h: Hypothesis) -> np.ndarray:
 
 
 def compute_unexplained_share(search: Search, kept: Hypothesis, without: Hypothesis, joints: Sequence[int]) -> float:
-    """Return which share of the squared error without a name, above the noise, also remains with it.
+    """Return which share of the RMS error without a name, above the noise, also remains with it.
 
     A remaining error of up to `EXPLAINED_FLOORS` counts as none.
     """
-    with_, before = (np.square(search.floor_ratios(h)[list(joints)]) for h in (kept, without))
-    left = np.maximum(with_ - EXPLAINED_FLOORS**2, 0).sum()
-    return float(min(1.0, left / max(np.maximum(before - 1, 0).sum(), 1e-9))) if left else 0.0
+    after, before = (np.square(search.floor_ratios(h)[list(joints)]) for h in (kept, without))
+    left = np.maximum(after - EXPLAINED_FLOORS**2, 0).sum()
+    return float(np.sqrt(min(1.0, left / max(np.maximum(before - 1, 0).sum(), 1e-9)))) if left else 0.0
