@@ -12,6 +12,17 @@ def find_whole_step(period: float, timestep: float) -> float:
     return float(period / np.ceil(period / timestep - 1e-6))
 
 
+def find_longest_step(model: mujoco.MjModel) -> float:
+    """Return the longest physics step [s] that resolves the stiffest contact pair, limit and equality of a model.
+
+    MuJoCo softens constraints whose time constant is below two steps (MuJoCo documentation, `refsafe`).
+    """
+    limited = model.jnt_limited.astype(bool), model.tendon_limited.astype(bool)
+    solref = [model.pair_solref, model.jnt_solref[limited[0]], model.tendon_solref_lim[limited[1]], model.eq_solref]
+    constants = np.concatenate(solref)[:, 0]
+    return float(constants[constants > 0].min(initial=np.inf)) / 2  # negative values are stiffnesses
+
+
 def make_implicit(spec: mujoco.MjSpec, period: float) -> str:
     """Set an integrator with implicit damping if the model's own is explicit; return a note, else an empty string.
 

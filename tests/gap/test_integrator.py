@@ -12,6 +12,7 @@ from support.two_joint_arm import ARM, recorded
 from nas_data.cli import main
 from nas_data.effects.base import make_effect
 from nas_data.gap.episode_batch import EpisodeBatch
+from nas_data.gap.integrator import find_longest_step
 from nas_data.gap.summary import summarise
 from nas_data.gap.write_model import write_difference, write_model
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -88,3 +89,16 @@ def test_the_difference_starts_from_the_options_as_given(integrator: str, tmp_pa
     (before,) = (line for line in lines if line.startswith("-  <option"))
     assert 'timestep="0.003"' in before
     assert ('integrator="RK4"' in before) == (integrator == "RK4")
+
+
+@pytest.mark.parametrize(("constraint", "longest"), [("", np.inf), ('solreflimit="0.004 1"', 0.002)])
+def test_the_stiffest_constraint_limits_the_physics_step(constraint, longest):
+    limit = f'range="-1 1" {constraint}' if constraint else ""
+    text = f"""<mujoco><worldbody><body><joint name="j" {limit}/><geom size="0.1"/></body></worldbody></mujoco>"""
+    assert find_longest_step(mujoco.MjModel.from_xml_string(text)) == longest
+
+
+def test_a_hard_contact_pair_limits_the_physics_step():
+    text = """<mujoco><worldbody><geom name="a" size="0.1"/>
+    <body pos="0 0 1"><freejoint/><geom name="b" size="0.1"/></body></worldbody><contact><pair geom1="a" geom2="b" solref="0.001 1"/></contact></mujoco>"""
+    assert find_longest_step(mujoco.MjModel.from_xml_string(text)) == 0.0005

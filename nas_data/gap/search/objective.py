@@ -9,7 +9,7 @@ import numpy as np
 from nas_data.effects.base import Effect
 from nas_data.errors import ModelFileError
 from nas_data.gap.episode_batch import EpisodeBatch
-from nas_data.gap.integrator import find_whole_step
+from nas_data.gap.integrator import find_longest_step, find_whole_step
 from nas_data.gap.nominal import Nominal, find_fine_timestep, with_timestep
 from nas_data.gap.nominal_parameters import scale_base_parameters
 from nas_data.gap.search.constants import CORRELATION, ERROR_SHARE, GAIN_SHARE, MAX_ROUNDS, PRICE
@@ -242,9 +242,10 @@ class FitTask:
             The model and its positions [rad; m], shape (E, T, n); None if no longer timestep is good enough.
         """
         own, errors = float(self.nominal.spec.option.timestep), self.evidence.mean_squares(target).mean(0)
+        longest = find_longest_step(self.nominal.spec.compile())
         for multiple in MULTIPLES:
             step = find_whole_step(self.nominal.period, multiple * own)
-            if step > own:
+            if own < step <= longest:
                 coarse = with_timestep(self.nominal, step)
                 try:
                     predicted = coarse.predict(self.evidence, effects, factors)
