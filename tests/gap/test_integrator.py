@@ -99,6 +99,7 @@ def test_the_stiffest_constraint_limits_the_physics_step(constraint, longest):
 
 
 def test_a_hard_contact_pair_limits_the_physics_step():
-    text = """<mujoco><worldbody><geom name="a" size="0.1"/>
-    <body pos="0 0 1"><freejoint/><geom name="b" size="0.1"/></body></worldbody><contact><pair geom1="a" geom2="b" solref="0.001 1"/></contact></mujoco>"""
+    bodies = '<geom name="a" size="0.1"/><body pos="0 0 1"><freejoint/><geom name="b" size="0.1"/></body>'
+    pair = '<contact><pair geom1="a" geom2="b" solref="0.001 1"/></contact>'
+    text = f"<mujoco><worldbody>{bodies}</worldbody>{pair}</mujoco>"
     assert find_longest_step(mujoco.MjModel.from_xml_string(text)) == 0.0005
