@@ -1,83 +1,208 @@
-"""Make known_changes.md from known_changes.csv, which known_changes_run.py writes.
+"""Make known changes in real recordings, or in the models handed over with them, and let `nas gap` name them blind.
 
-Run `python docs/results/known_changes.py`.
+Run `python docs/results/known_changes.py RECORDINGS OUT`; a run that is interrupted goes on where it stopped.
 """
 
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
 from pathlib import Path
 
-from pages import HERE, Row, markdown_table, number, read_table, render, write_page
+import mujoco
+import numpy as np
+import tyro
+from pages import HERE, read_table, write_table
 
-CLOSE = 0.15  # relative error up to which a size counts as right
-ARMS = {"XL330": "P gain of an XL330", "double pendulum": "mass of a double pendulum", "SO-101": "SO-101"}
-UNITS = {  # effect: factor and unit in which its size is shown
-    "servo_stiffness": (1.0, ""), "payload": (1.0, " kg"), "command_delay": (1000.0, " ms"),
-    "joint_offset": (57.29578, "°"),
-}  # fmt: skip
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.provenance import read_provenance
+from nas_data.dataset.read import read
+from nas_data.dataset.write import write
+from nas_data.effects.base import Effect, add_effects, make_effect
+from nas_data.gap import workflow
+from nas_data.gap.report import GapReport
+from nas_data.gap.write_model import MODEL
+from nas_data.runs.environment_info import find_commit
+from nas_data.runs.progress import say
 
-
-class KnownChanges:
-    """What the table says, in the words of the page."""
-
-    def __init__(self, folder: Path) -> None:
-        self._rows = read_table(folder / "known_changes.csv")
-
-    def commit(self) -> str:
-        """Return the commit that made the table."""
-        return ", ".join(f"`{commit}`" for commit in sorted({row["commit"] for row in self._rows}))
-
-    def summary(self) -> str:
-        """Return the table of counts by kind of change."""
-        heads = ["change", "made", "named right", "size within 15 %", "interval contains the size", "other names, mean"]
-        kinds = {(arm, row["effect"]): words for arm, words in ARMS.items() for row in self._rows if is_of(row, arm)}
-        rows = []
-        for (arm, effect), words in kinds.items():
-            own = [row for row in self._rows if is_of(row, arm) and row["effect"] == effect]
-            rows.append([f"{words}: `{effect}`", *count(own)])
-        return markdown_table(heads, [*rows, ["together", *count(self._rows)]])
-
-    def details(self) -> str:
-        """Return the table of all changes."""
-        heads = ["change", "size", "found", "95 % interval", "confidence", "other names (confidence)"]
-        return markdown_table(heads, [tell(row) for row in self._rows])
+TABLE = "known_changes.csv"  # in the folder of the results
+POSITIONS = ("observation.state", "next.observation.state")
+GAINS = (100, 200, 400, 800)  # P gains of the XL330 logs
+XL330_MODEL_GAIN = 400  # P gain of docs/results/xl330.xml
+# motions of the SO-101 that the changes are made in; the baseline is given all but the four that are kept back
+SO101_KEPT_BACK = ("chirp_sweep", "random_waypoints", "friction_gravity", "pick_place")
+SO101_CHANGED = ("figure_eight", "multisine", "step_response", "triangle_wave")
+SAMPLES, DEGREES = (1, 2, 3), (1.0, 2.0, 4.0)
+MASSES = (0.8, 0.6)  # factors on the mass of the double pendulum's last link
+PIECE = 3.2  # [s] pieces that the double pendulum's chaotic motion is cut into
 
 
-def is_of(row: Row, arm: str) -> bool:
-    """Whether a change was made in an arm."""
-    return row["change"].startswith(arm)
+@dataclass(frozen=True)
+class Change:
+    """A known change: the recording differs by `truth` from the model handed over."""
+
+    name: str  # of the change
+    dataset: Path  # recording
+    model: Path  # model handed over
+    truth: Effect  # difference of the recording from the model
 
 
-def count(rows: list[Row]) -> list[str]:
-    """Return how many changes there are, are named, have the right size, and how many other names there are."""
-    named = [row for row in rows if row["found"]]
-    right = [row for row in named if abs(float(row["found"]) / float(row["size"]) - 1) <= CLOSE]
-    held = [row for row in named if float(row["low"]) <= float(row["size"]) <= float(row["high"])]
-    others = sum(len(list_others(row)) for row in rows) / max(1, len(rows))
-    return [*(str(len(part)) for part in (rows, named, right, held)), number(others, 1)]
+def import_logs(files: Sequence[Path], mapping: str | Path, out: Path, *options: str) -> Path:
+    """Return the dataset of some logs, imported once by a map."""
+    if not out.exists():
+        words = [sys.executable, "-m", "nas_data", "import", *files, "--map", mapping, "--out", out, *options]
+        subprocess.run([str(word) for word in words], check=True, stdout=subprocess.DEVNULL)
+    return out
 
 
-def list_others(row: Row) -> list[str]:
-    """Return the names beside the change."""
-    return [name for name in row["beside"].split("; ") if name]
+def investigate(dataset: Path, model: Path, out: Path) -> GapReport:
+    """Return the report of `nas gap`, made once, without the proposal of an experiment."""
+    if not (out / "report.json").exists():
+        workflow.investigate(dataset, model, out, propose=False)
+    return GapReport.read(out / "report.json")
 
 
-def tell(row: Row) -> list[str]:
-    """Return the row of a change."""
-    factor, unit = UNITS[row["effect"]]
-    values = {key: float(row[key]) * factor for key in ("size", "found", "low", "high") if row[key]}
-    texts = {key: number(value, 2) for key, value in values.items()}
-    found = (
-        [f"{texts['found']}{unit}", f"[{texts['low']}, {texts['high']}]", row["confidence"]]
-        if row["found"]
-        else ["not named", "", ""]
-    )
-    others = ", ".join(name.replace("_", " ") for name in list_others(row))
-    return [row["change"], f"{texts['size']}{unit}", *found, others]
+def write_changed_model(model: Path, edit: Callable[[mujoco.MjSpec], None], file: Path) -> Path:
+    """Write a copy of a model with an edit."""
+    spec = mujoco.MjSpec.from_file(str(model))
+    edit(spec)
+    spec.compile()
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(spec.to_xml(), encoding="utf-8")
+    return file
 
 
-def make_page(folder: Path) -> str:
-    """Return the page that the table of a folder makes."""
-    return render(folder / "known_changes.md.j2", KnownChanges(folder))
+def change_servo_gains(recordings: Path, out: Path) -> Iterator[Change]:
+    """Yield logs of an XL330 at one P gain, with the named model at another: a register changed on the real servo.
+
+    The register is left out of these datasets, so that it is inferred.
+    """
+    files, data = sorted((recordings / "bam_xl330").glob("[0-9]*.json")), out / "datasets"
+    known = (Path(workflow.__file__).parents[1] / "importing" / "maps" / "xl330_json.toml").read_text("utf-8")
+    blind = out / "xl330_blind.toml"
+    blind.write_text(known.replace('"kp", ', "").replace(" kp={kp}", ""), encoding="utf-8")
+    base = out / "xl330_base"
+    investigate(import_logs(files, "xl330_json", data / "xl330"), HERE / "xl330.xml", base)
+    for given, changed in permutations(GAINS, 2):
+        chosen = [file for file in files if f'"kp": {changed},' in file.read_text("utf-8")]
+        dataset = import_logs(chosen, blind, data / f"xl330_{changed}")
+        effect = make_effect("servo_stiffness", "pendulum", {"factor": given / XL330_MODEL_GAIN})
+        model = out / "models" / f"xl330_{given}.xml"
+        write_changed_model(base / MODEL, lambda spec, effect=effect: add_effects(spec, [effect]), model)
+        truth = make_effect("servo_stiffness", "pendulum", {"factor": changed / given})
+        yield Change(f"XL330: P gain {given} to {changed}", dataset, model, truth)
+
+
+def change_pendulum_mass(recordings: Path, out: Path) -> Iterator[Change]:
+    """Yield recordings of the double pendulum, with named models whose last link is lighter than it was."""
+    folder, base = recordings / "dfki_double_pendulum", out / "pendulum_base"
+    files = sorted(folder.glob("*.csv"))
+    dataset = import_logs(files, folder / "map.toml", out / "datasets" / "pendulum", "--cut", str(PIECE))
+    investigate(dataset, folder / "model.xml", base)
+    for factor in MASSES:
+        mass = mujoco.MjModel.from_xml_path(str(base / MODEL)).body_mass[-1]
+
+        def lighten(spec: mujoco.MjSpec, factor: float = factor) -> None:
+            body = spec.bodies[-1]
+            body.mass, body.inertia = factor * body.mass, factor * np.array(body.inertia)
+
+        model = write_changed_model(base / MODEL, lighten, out / "models" / f"pendulum_{factor}.xml")
+        truth = make_effect("payload", None, {"mass": (1 - factor) * float(mass)})
+        yield Change(f"double pendulum: last link × {factor:g}", dataset, model, truth)
+
+
+def change_so101_recordings(recordings: Path, out: Path) -> Iterator[Change]:
+    """Yield recordings of an SO-101 with the commands of a joint earlier, or with its readings shifted."""
+    folder, data = recordings / "sage_so101", out / "datasets"
+    files = {file.stem: file for file in sorted(folder.glob("*.npz")) if file.stem not in SO101_KEPT_BACK}
+    base = out / "so101_base"
+    given = import_logs(tuple(files.values()), "so101_npz", data / "so101")
+    investigate(given, folder / "model" / "so101_new_calib_nomesh.xml", base)
+    few = import_logs([files[stem] for stem in SO101_CHANGED], "so101_npz", data / "so101_few")
+    dataset, provenance = read(few), read_provenance(few)
+    assert provenance, "nas import writes it"
+    for joint, size in ((joint, size) for size in range(len(SAMPLES)) for joint in dataset.joints):
+        samples, angle = SAMPLES[size], float(np.radians(DEGREES[size]))
+        for name, changed, truth in (
+            (f"{joint}: commands {samples} samples late", make_late(dataset, joint, samples),
+             make_effect("command_delay", joint, {"delay": samples / dataset.fps})),
+            (f"{joint}: reads {DEGREES[size]:g}° more", shift_readings(dataset, joint, angle),
+             make_effect("joint_offset", joint, {"offset": angle})),
+        ):  # fmt: skip
+            target = data / name.replace(": ", "_").replace(" ", "_").replace("°", "deg")
+            if not target.exists():
+                write(changed, target, provenance)
+            yield Change(f"SO-101, {name}", target, base / MODEL, truth)
+
+
+def make_late(dataset: Dataset, joint: str, samples: int) -> Dataset:
+    """Return a dataset in which a joint's commands are some samples earlier, so that it seems to receive them late."""
+    commands, place = dataset.columns["action"].copy(), dataset.joints.index(joint)
+    for rows in dataset.episodes():
+        own = commands[rows, place].copy()
+        commands[rows, place] = np.concatenate([own[samples:], np.repeat(own[-1:], samples)])
+    return replace(dataset, columns={**dataset.columns, "action": commands})
+
+
+def shift_readings(dataset: Dataset, joint: str, angle: float) -> Dataset:
+    """Return a dataset in which a joint reads more by an angle [rad]."""
+    columns, place = dict(dataset.columns), dataset.joints.index(joint)
+    for key in POSITIONS:
+        columns[key] = columns[key].copy()
+        columns[key][:, place] += angle
+    return replace(dataset, columns=columns)
+
+
+def grade(change: Change, report: GapReport) -> dict[str, object]:
+    """Return a row of the table."""
+    truth = change.truth
+    parameter = truth.parameters[0].name
+    found = [one for one in report.effects if (one.name, one.joint) == (truth.name(), truth.joint)]
+    size = found[0].parameters[parameter] if found else None
+    low, high = size.interval95 if size else (None, None)
+    return {
+        "change": change.name,
+        "effect": truth.name(),
+        "joint": truth.joint or "",
+        "size": getattr(truth, parameter),
+        "found": size.value if size else "",
+        "low": low if size else "",
+        "high": high if size else "",
+        "confidence": found[0].confidence if found else "",
+        "beside": "; ".join(f"{one} {one.confidence:.2f}" for one in report.effects if one not in found),
+        "commit": find_commit()[:8],
+    }
+
+
+SOURCES: Sequence[Callable[[Path, Path], Iterator[Change]]] = (
+    change_servo_gains,
+    change_pendulum_mass,
+    change_so101_recordings,
+)
+
+
+def main(recordings: tyro.conf.Positional[Path], out: tyro.conf.Positional[Path]) -> None:
+    """Make and name every change.
+
+    Args:
+        recordings: Folder with `bam_xl330`, `dfki_double_pendulum` and `sage_so101`.
+        out: Folder of datasets, models, reports and `known_changes.csv`.
+    """
+    workflow.show = lambda *_: None  # no pictures
+    out.mkdir(parents=True, exist_ok=True)
+    table = out / TABLE
+    for source in SOURCES:
+        for change in source(recordings, out):
+            rows = read_table(table) if table.exists() else []
+            if change.name in {row["change"] for row in rows}:
+                continue
+            folder = out / "reports" / change.name.replace(" ", "_").replace(":", "").replace(",", "")
+            row = grade(change, investigate(change.dataset, change.model, folder))
+            write_table(table, [*rows, row])
+            found, beside = row["found"] or "nothing", row["beside"] or "nothing"
+            say(f"{change.name}: {row['size']:.4g}, found {found}; beside {beside}")
 
 
 if __name__ == "__main__":
-    write_page("known_changes", make_page(HERE), {})
+    tyro.cli(main)
