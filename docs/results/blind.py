@@ -77,6 +77,12 @@ class Blind:
         heads += ["rest on new episodes if right, median", "rest with the true effects, median", "median time [s]"]
         return markdown_table(heads, [tell_family(family, own) for family, own in by_family.items() if own])
 
+    def times(self, seed: int, below: int) -> str:
+        """Return the median times of a seed's cases with a number below one, for one, two and three effects [s]."""
+        first = [case for case in self._cases if case["seed"] == seed and int(str(case["case"])[-4:]) < below]
+        times = [[c["seconds"] for c in first if find_family(c) == family] for family in ("one", "two", "three")]
+        return ", ".join(f"{tell_median(own, 0)} s" for own in times)
+
     def sure(self, *seeds: int) -> str:
         """Return how many names of some seeds with a confidence of 0.9 or more are right, of how many."""
         said = [one for case in self._cases if case["seed"] in seeds for one in case["confidences"]]
@@ -104,7 +110,7 @@ class Blind:
             cases = self._of(seed, setting)
             families = [self._of(seed, setting, family) for family in FAMILIES]
             cells = [f"{sum(case['exact'] for case in own)} of {len(own)}" if own else "" for own in families]
-            errors = [e["relative_error"] for c in cases for e in c["parameters"] if not np.isnan(e["relative_error"])]
+            errors = list_errors(cases)
             held = [bool(e["covered"]) for c in cases for e in c["parameters"] if e["covered"] is not None]
             sure, off = str(sum(map(is_sure_and_wrong, cases))), f"{100 * np.median(errors):.1f} %"
             commit, held_of = f"`{cases[0]['commit']}`", f"{sum(held)} of {len(held)}"
@@ -146,6 +152,12 @@ def is_sure_and_wrong(case: Case) -> bool:
     return any(said["confidence"] >= SURE and not said["right"] for said in case["confidences"])
 
 
+def list_errors(cases: Iterable[Case]) -> list[float]:
+    """Return the relative errors of the parameters that were found and that have one."""
+    errors = [entry["relative_error"] for case in cases for entry in case["parameters"]]
+    return [error for error in errors if error is not None and not np.isnan(error)]
+
+
 def list_rests(cases: Iterable[Case]) -> list[float]:
     """Return what the delivered models leave on fresh episodes, in noise floors."""
     return [case["fresh"]["after"] / case["fresh"]["floor"] for case in cases if case["fresh"]["after"]]
@@ -154,7 +166,7 @@ def list_rests(cases: Iterable[Case]) -> list[float]:
 def tell_found(cases: Sequence[Case]) -> str:
     """Return a list of how right parameters, intervals and confidences of some cases are."""
     parameters = [entry for case in cases for entry in case["parameters"]]
-    errors = [entry["relative_error"] for entry in parameters if not np.isnan(entry["relative_error"])]
+    errors = list_errors(cases)
     held = [bool(entry["covered"]) for entry in parameters if entry["covered"] is not None]
     said = [(entry["confidence"], entry["right"]) for case in cases for entry in case["confidences"]]
     lines = [
