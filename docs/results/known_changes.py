@@ -81,7 +81,10 @@ def change_servo_gains(recordings: Path, out: Path) -> Iterator[Change]:
     files, data = sorted((recordings / "bam_xl330").glob("[0-9]*.json")), out / "datasets"
     known = (Path(workflow.__file__).parents[1] / "importing" / "maps" / "xl330_json.toml").read_text("utf-8")
     blind = out / "xl330_blind.toml"
-    blind.write_text(known.replace('"kp", ', "").replace(" kp={kp}", ""), encoding="utf-8")
+    register = '[signals.p_gain]\nconstant = "kp"\nunit = "register"\n'
+    assert register in known
+    hidden = known.replace('"kp", ', "").replace(" kp={kp}", "").replace(register, "")
+    blind.write_text(hidden, encoding="utf-8")
     base = out / "xl330_base"
     investigate(import_logs(files, "xl330_json", data / "xl330"), HERE / "xl330.xml", base)
     for given, changed in permutations(GAINS, 2):
