@@ -12,6 +12,7 @@ from nas_data.gap.search.search import Search
 SHARPNESS = 4.0  # exponent of a rival's error ratio in its closeness
 REDRAWS = 400  # random draws of the episodes, with replacement
 EXPLAINED_FLOORS = 1.5  # noise floors up to which a joint is explained
+UNSURE_FLOORS = 2.0  # noise floors of a name's own joints above which its confidence falls in any case
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +22,7 @@ class Support:
     Attributes:
         closest_rival: Closeness of the nearest rival: 1 if it predicts as well in every joint, 0 if much worse.
         chosen: Share of random draws of the episodes in which the score is lower with the name than without it.
-        unexplained: RMS error of its joints above the noise, with the name over without it.
+        unexplained: RMS error of its joints above the noise, with the name over without it; more if much remains.
     """
 
     closest_rival: float
@@ -84,8 +85,10 @@ def misfits_of(search: Search, h: Hypothesis) -> np.ndarray:
 def compute_unexplained_share(search: Search, kept: Hypothesis, without: Hypothesis, joints: Sequence[int]) -> float:
     """Return which share of the RMS error without a name, above the noise, also remains with it.
 
-    A remaining error of up to `EXPLAINED_FLOORS` counts as none.
+    A remaining error of up to `EXPLAINED_FLOORS` counts as none. If it exceeds `UNSURE_FLOORS`, the result is at least
+    1 − √(`UNSURE_FLOORS` / largest rest): several effects of a joint may then trade off against each other.
     """
     after, before = (np.square(search.floor_ratios(h)[list(joints)]) for h in (kept, without))
     left = np.maximum(after - EXPLAINED_FLOORS**2, 0).sum()
-    return float(np.sqrt(min(1.0, left / max(np.maximum(before - 1, 0).sum(), 1e-9)))) if left else 0.0
+    share = np.sqrt(min(1.0, left / max(np.maximum(before - 1, 0).sum(), 1e-9))) if left else 0.0
+    return float(max(share, 1 - np.sqrt(UNSURE_FLOORS / max(np.sqrt(after.max()), UNSURE_FLOORS))))

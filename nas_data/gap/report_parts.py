@@ -61,7 +61,7 @@ class Evidence:
         unit: Unit of both errors: rad, or m for a slide.
         closest_rival: Closeness of the nearest rival: 1 if it predicts as well in every joint, 0 if much worse.
         chosen: Share of random draws of the episodes in which the name is worth its price.
-        unexplained: RMS error of its joints above the noise, with the name over without it.
+        unexplained: RMS error of its joints above the noise, with the name over without it; more if much remains.
     """
 
     heldout_error_before: float

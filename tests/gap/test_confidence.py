@@ -61,3 +61,9 @@ def test_what_remains_above_the_noise_counts(left, expected):
     kept = make_hypothesis(repeat(1, 1), repeat(left, 50), 12.0)
     assert compute_unexplained_share(SEARCH, kept, WITHOUT, [0]) == pytest.approx(expected, abs=0.01)
     assert compute_unexplained_share(SEARCH, kept, WITHOUT, [0, 1]) == 1.0
+
+
+def test_a_name_is_unsure_where_many_noise_floors_remain():
+    kept, without = (make_hypothesis(repeat(1, 1), repeat(left**2, 1), 0.0) for left in (8.0, 1000.0))
+    assert compute_unexplained_share(SEARCH, kept, without, [0]) == pytest.approx(0.5)
+    assert compute_unexplained_share(SEARCH, kept, without, [1]) == 0.0
