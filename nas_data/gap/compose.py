@@ -7,25 +7,26 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.effects.base import Effect
-from nas_data.gap.confidence import EXPLAINED_FLOORS
 from nas_data.gap.floor import compute_floor_ratios
 from nas_data.gap.name import Finding, Naming
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
 from nas_data.gap.report import GapReport
-from nas_data.gap.report_parts import (
+from nas_data.gap.report_effects import (
     Alternative,
-    ArmGap,
     EffectName,
-    EpisodeNumbers,
     Evidence,
     FittedEffect,
     FittedParameter,
+    NamedEffect,
+    Placebo,
+)
+from nas_data.gap.report_parts import (
+    ArmGap,
+    EpisodeNumbers,
     GapErrors,
     GapFindings,
     JointDescription,
-    NamedEffect,
-    Placebo,
     Retuned,
     Shares,
     TriedExperiment,
@@ -33,6 +34,7 @@ from nas_data.gap.report_parts import (
 )
 from nas_data.gap.residual_correlates import find_residual_correlate
 from nas_data.gap.score_model import HeldOutResult
+from nas_data.gap.search.constants import EXPLAINED
 from nas_data.gap.search.final import list_parameters, list_retuned
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.showing.series import SERIES
@@ -122,7 +124,6 @@ def describe_finding(finding: Finding, nominal: Nominal, in_file: bool) -> Named
             unit=unit.si,
             closest_rival=round(finding.support.closest_rival, 3),
             chosen=round(finding.support.chosen, 3),
-            unexplained=round(finding.support.unexplained, 3),
         ),
         alternatives=tuple(describe_alternative(rival, error) for rival, error in finding.alternatives),
         equals=tuple(EffectName(name=rival.name(), joint=rival.joint) for rival in finding.equals),
@@ -146,7 +147,7 @@ def describe_joints(held: FitTask, naming: Naming, after: np.ndarray) -> Mapping
     """
     return {
         joint: JointDescription(
-            complete=round(float(min(1.0, (EXPLAINED_FLOORS / max(ratio, 1e-9)) ** 2)), 3),
+            complete=round(float(min(1.0, (EXPLAINED / max(ratio, 1e-9)) ** 2)), 3),
             ratio_to_noise=round(float(ratio), 2),
             stable=naming.stable.get(joint, True),
         )
@@ -163,7 +164,7 @@ def find_unexplained(held: FitTask, predicted: np.ndarray, after: np.ndarray) ->
             ratio_to_noise=round(float(after[joint]), 2),
             goes_with=find_residual_correlate(held.evidence, errors, joint, held.nominal.slides),
         )
-        for joint in find_above(after, EXPLAINED_FLOORS)
+        for joint in find_above(after, EXPLAINED)
     )
 
 

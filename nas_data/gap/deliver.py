@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.gap.confidence import EXPLAINED_FLOORS
 from nas_data.gap.floor import compute_floor_ratios
 from nas_data.gap.name import Naming
 from nas_data.gap.problem import Problem
 from nas_data.gap.score_model import HeldOutResult, Prediction, predict_held, score_model
-from nas_data.gap.search.constants import ERROR_SHARE
+from nas_data.gap.search.constants import ERROR_SHARE, EXPLAINED
 from nas_data.gap.search.final import FinalFit, fit_final
 from nas_data.gap.search.hypothesis import Description
 from nas_data.gap.write_model import write_effects
@@ -56,7 +55,7 @@ class Delivery:
 
     def accepts(self, predicted: Prediction) -> bool:
         """Whether predictions reach the noise floor, or the better of plain fit and given model."""
-        at_floor = compute_floor_ratios(predicted.squares, self.problem.held.floor).max() <= EXPLAINED_FLOORS
+        at_floor = compute_floor_ratios(predicted.squares, self.problem.held.floor).max() <= EXPLAINED
         return bool(at_floor) or self.rms(predicted) <= min(self.rms(self.outcome.plain), self.rms(self.outcome.before))
 
     def rms(self, predicted: Prediction) -> float:

@@ -14,16 +14,14 @@ from typing import TYPE_CHECKING
 from nas_data.atomic_file import write_atomic
 from nas_data.errors import OptionError, UnknownName
 from nas_data.gap.output_folder import ASSETS, FILES, FOLDERS, check_free, clear_report
+from nas_data.gap.report_effects import OPTIONAL, NamedEffect, Placebo
 from nas_data.gap.report_parts import (
-    OPTIONAL,
     ArmGap,
     EpisodeNumbers,
     GapFindings,
     JointDescription,
     LearnedCorrection,
     MadeFrom,
-    NamedEffect,
-    Placebo,
     Retuned,
     Shares,
     TriedExperiment,

@@ -4,7 +4,8 @@ import math
 from pathlib import Path
 
 from nas_data.gap.report import GapReport
-from nas_data.gap.report_parts import FittedParameter, GapErrors, LearnedCorrection, NamedEffect
+from nas_data.gap.report_effects import FittedParameter, NamedEffect
+from nas_data.gap.report_parts import GapErrors, LearnedCorrection
 from nas_data.joint_units import find_display_unit
 
 VERDICTS = {

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from nas_data.gap.confidence import EXPLAINED_FLOORS
+from nas_data.gap.search.constants import EXPLAINED
 
 NO_GAP = 1.25  # noise floors up to which the given model has no gap
-EXPLAINED = ("explained", "retuned")  # verdicts of models at the noise floor
+EXPLAINED_VERDICTS = ("explained", "retuned")  # verdicts of models at the noise floor
 
 
 def decide_verdict(before: np.ndarray, after: np.ndarray, effects: int) -> str:
@@ -19,10 +19,10 @@ def decide_verdict(before: np.ndarray, after: np.ndarray, effects: int) -> str:
         effects: Number of named effects.
     """
     if effects:
-        return "explained" if after.max() <= EXPLAINED_FLOORS else "partly_explained"
+        return "explained" if after.max() <= EXPLAINED else "partly_explained"
     if before.max() <= NO_GAP:
         return "none"
-    return "retuned" if after.max() <= EXPLAINED_FLOORS else "unexplained"
+    return "retuned" if after.max() <= EXPLAINED else "unexplained"
 
 
 def find_above(after: np.ndarray, limit: float) -> Sequence[int]:

@@ -14,8 +14,9 @@ from nas_data.benchmarks.blind.fresh import ModelErrors
 from nas_data.benchmarks.blind.grade import grade_names
 from nas_data.benchmarks.blind.plants.base import find_plant, make_chain, stack_arms
 from nas_data.benchmarks.blind.plants.constants import Constants
+from nas_data.benchmarks.blind.plants.drive import Drive
 from nas_data.benchmarks.blind.plants.hiding import BEND_LOSS, ROOT, hide
-from nas_data.benchmarks.blind.plants.motion import REFRESH, Drive, PlantState
+from nas_data.benchmarks.blind.plants.motion import REFRESH, PlantState
 from nas_data.benchmarks.blind.record import CaseFailure, CaseRecord, GradedCase
 from nas_data.benchmarks.blind.settings.base import find_setting
 from nas_data.benchmarks.blind.tables import make_tables, print_tables

@@ -17,8 +17,8 @@ from nas_data.benchmarks.blind.case import Base, Hidden, Truth
 from nas_data.benchmarks.blind.catalogue import INSIDE, OUTSIDE
 from nas_data.benchmarks.blind.plants.base import make_chain, stack_arms
 from nas_data.benchmarks.blind.plants.constants import Constants
+from nas_data.benchmarks.blind.plants.drive import STEP
 from nas_data.benchmarks.blind.plants.hiding import PlantBody
-from nas_data.benchmarks.blind.plants.motion import STEP
 
 FOLDER = Path(plants.__file__).parent
 NATIVE = "mujoco_plant.py"

@@ -146,7 +146,7 @@ def test_right_names_are_kept_where_the_plain_fit_predicts_a_little_better(given
     """The plain fit is then what is written, and no name is said to be in the file."""
     found = named("coulomb_friction:joint=m2,torque=0.029", "coulomb_friction:joint=m2,torque=0.03")
     effect = found.final.effects[0]
-    support = Support(closest_rival=0.2, chosen=1.0, unexplained=0.0)
+    support = Support(closest_rival=0.2, chosen=1.0, rest=1.0)
     finding = Finding(effect, {}, support, before=1.0, after=0.1, alternatives=(), equals=())
     as_found = score_model(given, found.final, found.null, found.plain, tmp_path)
     assert error(given, as_found.plain) < error(given, as_found.written) < error(given, as_found.before)

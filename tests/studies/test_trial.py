@@ -16,7 +16,8 @@ from nas_data.dataset.read import read
 from nas_data.effects.base import make_effect
 from nas_data.errors import OutputExists
 from nas_data.gap.report import GapReport
-from nas_data.gap.report_parts import ArmGap, EpisodeNumbers, Evidence, FittedParameter, NamedEffect
+from nas_data.gap.report_effects import Evidence, FittedParameter, NamedEffect
+from nas_data.gap.report_parts import ArmGap, EpisodeNumbers
 from nas_data.gap.write_model import MODEL
 from nas_data.hardware.xl320.arm import Configuration, Xl320Arm
 from nas_data.hardware.xl320.control_table import TICK

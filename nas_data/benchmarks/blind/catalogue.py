@@ -34,7 +34,7 @@ class EffectDraw:
     per_joint: bool = True  # whether it can act in one joint
     whole_arm: bool = False  # whether it can act on the whole arm
     before: int = 0  # number of joints before its own on which it acts, too; it needs as many
-    apart: tuple[str, ...] = ()  # groups: two effects of one group never share a joint
+    apart: tuple[str, ...] = ()  # effects that never share a joint with it, because few data distinguish them
 
 
 def make_draw(name: str, span: Span) -> Draw:
@@ -174,38 +174,36 @@ def read_armature(constants: Constants) -> np.ndarray:
 
 
 INSIDE: Mapping[str, EffectDraw] = {
-    "backlash": EffectDraw(draw_play, apart=("transmission",)),
-    "joint_compliance": EffectDraw(
-        make_scaled_draw("stiffness", read_gain, Span(0.6, 20.0, 100.0)), apart=("transmission",)
-    ),
+    "backlash": EffectDraw(draw_play, apart=("joint_compliance",)),
+    "joint_compliance": EffectDraw(make_scaled_draw("stiffness", read_gain, Span(0.6, 20.0, 100.0))),
     "coulomb_friction": EffectDraw(
-        make_scaled_draw("torque", read_torque_limits, Span(0.05, 0.35, 0.005)), apart=("dry friction",)
+        make_scaled_draw("torque", read_torque_limits, Span(0.05, 0.35, 0.005)),
+        apart=("stribeck_friction", "load_friction"),
     ),
-    "stribeck_friction": EffectDraw(draw_stribeck, apart=("dry friction",)),
+    "stribeck_friction": EffectDraw(draw_stribeck, apart=("load_friction",)),
     "viscous_friction": EffectDraw(
         make_scaled_draw("coefficient", lambda own: own.damping + own.servo_damping, Span(0.5, 4.0, 0.5))
     ),
-    "load_friction": EffectDraw(make_draw("ratio", Span(0.1, 0.6, 0.01)), apart=("dry friction",)),
+    "load_friction": EffectDraw(make_draw("ratio", Span(0.1, 0.6, 0.01))),
     "rotor_inertia": EffectDraw(make_scaled_draw("inertia", read_armature, Span(0.5, 6.0, 0.5))),
     "servo_stiffness": EffectDraw(draw_gain_factor),
-    "torque_limit": EffectDraw(make_scaled_draw("torque", read_torque_limits, Span(0.5, 0.9, 0.98)), apart=("limit",)),
-    "motor_curve": EffectDraw(draw_motor_curve, apart=("limit",)),
+    "torque_limit": EffectDraw(
+        make_scaled_draw("torque", read_torque_limits, Span(0.5, 0.9, 0.98)),
+        apart=("motor_curve",),
+    ),
+    "motor_curve": EffectDraw(draw_motor_curve),
     "speed_limit": EffectDraw(make_draw("speed", Span(0.5, 6.0, 12.0))),
     "acceleration_limit": EffectDraw(
         # reached within 1/20 to half a second
-        make_scaled_draw("acceleration", compute_top_speeds, Span(2.0, 20.0, 80.0)),
-        apart=("integral and profile",),
+        make_scaled_draw("acceleration", compute_top_speeds, Span(2.0, 20.0, 80.0))
     ),
-    "command_delay": EffectDraw(make_draw("delay", Span(0.008, 0.12, 0.001)), whole_arm=True, apart=("delay",)),
-    # an integral removes the error that an offset leaves
-    "joint_offset": EffectDraw(draw_offset, apart=("integral and offset",)),
-    "deadband": EffectDraw(make_draw("half_width", Span(0.008, 0.07, 0.001)), apart=("integral and band",)),
-    "start_torque": EffectDraw(
-        make_scaled_draw("torque", read_torque_limits, Span(0.05, 0.35, 0.005)), apart=("integral and punch",)
-    ),
+    "command_delay": EffectDraw(make_draw("delay", Span(0.008, 0.12, 0.001)), whole_arm=True),
+    "joint_offset": EffectDraw(draw_offset),
+    "deadband": EffectDraw(make_draw("half_width", Span(0.008, 0.07, 0.001))),
+    "start_torque": EffectDraw(make_scaled_draw("torque", read_torque_limits, Span(0.05, 0.35, 0.005))),
     "integral_gain": EffectDraw(
         make_scaled_draw("gain", read_gain, Span(0.5, 6.0, 0.02)),
-        apart=("integral and profile", "integral and offset", "integral and band", "integral and punch"),
+        apart=("acceleration_limit", "deadband", "joint_offset", "start_torque"),
     ),
     "payload": EffectDraw(draw_payload_mass, per_joint=False, whole_arm=True),
     "base_tilt": EffectDraw(draw_tilt, per_joint=False, whole_arm=True),

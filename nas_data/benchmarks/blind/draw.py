@@ -154,9 +154,9 @@ class EffectSampler:
                 return self._draw_size(effect, [joint])
 
     def _is_confusable(self, effect: str, joint: str | None, other: Hidden) -> bool:
-        """Whether two effects cannot be distinguished: alike or of one group, in the same joint or in all joints."""
-        sort, others = ({name, *self.kinds[name].apart} for name in (effect, other.effect))
-        return bool(sort & others) and (joint is None or other.joint is None or joint == other.joint)
+        """Whether two effects can hardly be distinguished: alike or apart, in the same joint or in all joints."""
+        apart = effect in self.kinds[other.effect].apart or other.effect in self.kinds[effect].apart
+        return (effect == other.effect or apart) and (joint is None or other.joint is None or joint == other.joint)
 
     def _draw_size(self, effect: str, joints: Sequence[str | None]) -> Group:
         """Draw an effect's size; in several joints the sizes are similar."""

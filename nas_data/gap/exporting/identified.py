@@ -13,7 +13,7 @@ from nas_data.effects.edits.servo import is_velocity_servo, read_servo_damping, 
 from nas_data.errors import OptionError
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.report import REPORT
-from nas_data.gap.report_parts import FittedEffect
+from nas_data.gap.report_effects import FittedEffect
 from nas_data.gap.write_model import EFFECTS
 from nas_data.joint_units import convert_hinge_unit
 from nas_data.typed_json import from_json

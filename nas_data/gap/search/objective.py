@@ -303,7 +303,11 @@ class FitTask:
 
     def misfits(self, predicted: np.ndarray) -> np.ndarray:
         """Return the misfit of each episode and joint, without the prior of initial states [nats], shape (E, n)."""
-        return np.asarray(0.5 * self.observations * np.log(self.tolerance + self.mean_squares(predicted)))
+        return self.compute_misfits(self.mean_squares(predicted))
+
+    def compute_misfits(self, squares: np.ndarray) -> np.ndarray:
+        """Return the misfit [nats] of mean squared errors [rad²; m²], shape (E, n) each."""
+        return np.asarray(0.5 * self.observations * np.log(self.tolerance + squares))
 
     def errors(self, predicted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return weighted errors from the most likely initial states, to first order; see `StartResponse.absorb`.

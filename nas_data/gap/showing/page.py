@@ -8,7 +8,7 @@ import numpy as np
 from nas_data.atomic_file import write_atomic
 from nas_data.count_of import join_items
 from nas_data.gap.report import REPORT, GapReport
-from nas_data.gap.report_parts import NamedEffect
+from nas_data.gap.report_effects import NamedEffect
 from nas_data.gap.showing import page_charts as charts
 from nas_data.gap.showing import page_tables as tables
 from nas_data.gap.showing.figures import draw_all_joints, draw_joint, find_joints_above, select_models

@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 
 from nas_data.count_of import count_of, join_items
 from nas_data.gap.report import GapReport
-from nas_data.gap.report_parts import Bin, EffectName, JointGap
+from nas_data.gap.report_effects import EffectName
+from nas_data.gap.report_parts import Bin, JointGap
 from nas_data.gap.showing.figures import Models
 from nas_data.gap.showing.page_words import (
     ANGLE,

@@ -9,7 +9,8 @@ from nas_data.count_of import join_items
 from nas_data.effects.base import find_effect
 from nas_data.errors import UnknownName
 from nas_data.gap.report import GapReport
-from nas_data.gap.report_parts import EffectName, FittedParameter, GapErrors, NamedEffect, Retuned, Unexplained
+from nas_data.gap.report_effects import EffectName, FittedParameter, NamedEffect
+from nas_data.gap.report_parts import GapErrors, Retuned, Unexplained
 from nas_data.gap.summary import is_from_initial_states
 
 FRIENDLY = {

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from nas_data.effects.base import Effect
 from nas_data.gap.report import GapReport
-from nas_data.gap.report_parts import EffectName, NamedEffect
+from nas_data.gap.report_effects import EffectName, NamedEffect
 from nas_data.gap.showing.page_words import format_value
 from nas_data.studies.trial.change import KnownChange
 

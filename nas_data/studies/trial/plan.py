@@ -17,7 +17,7 @@ from nas_data.dataset.read import read
 from nas_data.effects.base import Effect, find_joint_actuator, from_json
 from nas_data.effects.edits.servo import read_servo_stiffness
 from nas_data.gap.report import REPORT, GapReport
-from nas_data.gap.report_parts import EffectName
+from nas_data.gap.report_effects import EffectName
 from nas_data.gap.workflow import investigate
 from nas_data.gap.write_model import MODEL
 from nas_data.robots.base import read_spec

@@ -13,8 +13,9 @@ from nas_data.benchmarks.blind.arms import NominalArm
 from nas_data.benchmarks.blind.case import Truth
 from nas_data.benchmarks.blind.plants.chain import Chain
 from nas_data.benchmarks.blind.plants.constants import Constants
+from nas_data.benchmarks.blind.plants.drive import Drive
 from nas_data.benchmarks.blind.plants.hiding import PlantBody, hide, stack_arms
-from nas_data.benchmarks.blind.plants.motion import REFRESH, Drive, PlantState
+from nas_data.benchmarks.blind.plants.motion import REFRESH, PlantState
 from nas_data.benchmarks.blind.plants.vectors import cross
 from nas_data.errors import UnknownName
 

@@ -17,6 +17,16 @@ def clip_symmetric(values: np.ndarray, limit: np.ndarray | float) -> np.ndarray:
     return np.asarray(np.minimum(np.maximum(values, -limit), limit))
 
 
+def shift(values: np.ndarray, joints: int) -> np.ndarray:
+    """Move values (B, n) by one joint towards the tip (1) or the base (−1); zeros come in."""
+    moved = np.zeros_like(values)
+    if joints > 0:
+        moved[:, 1:] = values[:, :-1]
+    else:
+        moved[:, :-1] = values[:, 1:]
+    return moved
+
+
 def skew(axis: np.ndarray) -> np.ndarray:
     """Return the matrix K with K @ b = axis × b, shape (…, 3, 3)."""
     return np.stack([cross(axis, unit) for unit in np.eye(3)], axis=-1)

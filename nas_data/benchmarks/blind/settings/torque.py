@@ -112,15 +112,17 @@ def draw_eccentric_gear(rng: Rng, constants: Constants, joint: int, faint: bool)
 
 INSIDE: Mapping[str, EffectDraw] = {
     "coulomb_friction": EffectDraw(
-        make_scaled_draw("torque", read_torque_limits, Span(0.03, 0.25, 0.0005)), apart=("dry friction",)
+        make_scaled_draw("torque", read_torque_limits, Span(0.03, 0.25, 0.0005)), apart=("asymmetric_friction",)
     ),
-    "asymmetric_friction": EffectDraw(draw_uneven_friction, apart=("dry friction",)),
+    "asymmetric_friction": EffectDraw(draw_uneven_friction),
     "viscous_friction": EffectDraw(
         make_scaled_draw("coefficient", compute_saturating_friction, Span(0.03, 0.25, 0.0005))
     ),
     "rotor_inertia": EffectDraw(make_scaled_draw("inertia", read_armature, Span(1.0, 4.0, 0.02))),
-    "torque_limit": EffectDraw(make_scaled_draw("torque", read_torque_limits, Span(0.3, 0.8, 0.95)), apart=("limit",)),
-    "motor_curve": EffectDraw(draw_motor_curve, apart=("limit",)),
+    "torque_limit": EffectDraw(
+        make_scaled_draw("torque", read_torque_limits, Span(0.3, 0.8, 0.95)), apart=("motor_curve",)
+    ),
+    "motor_curve": EffectDraw(draw_motor_curve),
     "payload": EffectDraw(draw_payload_mass, per_joint=False, whole_arm=True),
 }
 # without heat and bending links, whose state goes on from episode to episode, and without a supply, because forces and

@@ -12,7 +12,7 @@ from nas_data.envs.base import SOURCE, Task, find_task, find_task_file
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import UnknownName
 from nas_data.gap.model_correction import ModelCorrection
-from nas_data.gap.verdict import EXPLAINED
+from nas_data.gap.verdict import EXPLAINED_VERDICTS
 from nas_data.models.presets import TrainingOptions
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD
 from nas_data.recorders.recipe import Recipe
@@ -95,7 +95,7 @@ class Artifacts:
     @property
     def explained(self) -> bool:
         """Whether the residual after naming is at the noise floor, so that φ has nothing to learn."""
-        return read_stage(NAMES, self.folder).data.get("verdict") in EXPLAINED
+        return read_stage(NAMES, self.folder).data.get("verdict") in EXPLAINED_VERDICTS
 
     @property
     def phi_named(self) -> str:

@@ -19,7 +19,7 @@ from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.gap import workflow
 from nas_data.gap.model_correction import ModelCorrection
 from nas_data.gap.side_by_side import on_one_core
-from nas_data.gap.verdict import EXPLAINED
+from nas_data.gap.verdict import EXPLAINED_VERDICTS
 from nas_data.gap.write_model import EFFECTS
 from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
@@ -120,7 +120,7 @@ def name_subset(job: CountJob) -> Names:
         write_atomic(record, (json.dumps(held, indent=1) + "\n").encode())
     named = ModelCorrection.read(folder)
     found = folder if named.effects or named.retuned else None
-    return Names(found, held["seconds"], held["verdict"] in EXPLAINED)
+    return Names(found, held["seconds"], held["verdict"] in EXPLAINED_VERDICTS)
 
 
 def with_names(job: CountJob) -> Learned:
