@@ -8,7 +8,7 @@ import pytest
 from support.search_samples import afresh, arm, begun, names, played, tasks
 from support.start_samples import derived_torques
 
-from nas_data.effects.base import find_effect, parse
+from nas_data.effects.base import parse
 from nas_data.gap.name import name
 from nas_data.gap.problem import Problem
 from nas_data.gap.search.choose import choose, search_down, search_up
@@ -22,7 +22,7 @@ from nas_data.gap.search.plain_fit import (
     refine_smooth,
 )
 from nas_data.gap.search.search import Search
-from nas_data.gap.search.share_gain import fit_with_gain, scale_effect, share_gain
+from nas_data.gap.search.share_gain import fit_with_gain, share_gain
 
 VISCOUS, DRY = "viscous_friction:joint=j2,coefficient=0.03", "coulomb_friction:joint=j1,torque=0.03"
 FRICTION = (("coulomb_friction", "torque=0.01"), ("viscous_friction", "coefficient=0.004"))
@@ -62,15 +62,6 @@ def test_a_plain_fit_that_explains_all_keeps_a_gain_for_each_joint():
     search = begun(arm(gain=1.0), target=arm(gain=0.5), episodes=4)
     plain = fit_plain(search)
     assert share_gain(search, plain) is plain
-
-
-def test_what_is_in_proportion_to_a_torque_is_multiplied_within_its_bounds():
-    assert scale_effect(parse(DRY), 2.0).torque == pytest.approx(0.06)
-    assert scale_effect(parse("joint_offset:joint=j1,offset=0.03"), 2.0).offset == 0.03
-    assert (
-        scale_effect(parse("rotor_inertia:joint=j1,inertia=0.5"), 1e9).inertia
-        == find_effect("rotor_inertia").parameters[0].high
-    )
 
 
 def test_a_plain_fit_adds_what_the_model_lacks_to_an_arm_that_begins_in_motion():

@@ -7,19 +7,24 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nas_data.effects.base import Effect, Parameter
-from nas_data.gap.nominal_parameters import FIRM, TOLERANCE, read_own_amount
+from nas_data.gap.nominal_parameters import FIRM
 from nas_data.gap.search.fit import Fit, build_normal_equations, fit, measure_jacobian
 from nas_data.gap.search.hypothesis import Description, reuse_jacobian
+from nas_data.gap.search.intervals import (
+    FORM_DEVIATION,
+    NORMAL95,
+    compute_intervals,
+    measure_form_change,
+    number_recordings,
+)
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters
 from nas_data.joint_units import convert_hinge_unit
 
 ROUNDS = 2  # most fits, each with the timestep correction computed at the result of the last
 SETTLED_CHANGE = 0.02  # largest change of θ, 2 % of a parameter, after which the correction is not computed again
-FORM_DEVIATION = 0.01  # relative standard deviation between two formulations of one effect
 MAX_RATIO = 1.3  # largest ratio of a parameter between two halves of the episodes that agree
 BOUND_MARGIN = 1e-6  # distance of log(factor) from a bound that counts as on it
-NORMAL95 = 1.96  # 97.5 % quantile of the standard normal distribution
 
 
 @dataclass(frozen=True)
@@ -75,7 +80,7 @@ def fit_final(task: FitTask, description: Description, factors: dict[str, float]
     return FinalFit(
         effects=found.effects,
         factors={**found.factors, **firm},
-        intervals=compute_intervals(task, found),
+        intervals=compute_intervals(task, found, measure_form_change(task, description, found)),
         fine=task.fine,
         at_bound=find_at_bound(found),
         conditioning=compute_conditioning(task, found),
@@ -103,16 +108,16 @@ def measure_columns(
 def compare_halves(task: FitTask, found: Fit) -> dict[str, bool]:
     """Return for each joint with effects whether even and odd episodes agree on the effects' parameters.
 
-    Each half takes one Gauss-Newton step from the common fit, Δθ = −H⁻¹ g with its own H = Jᵀ W J + prior and gradient
-    g. No rollout is needed. They agree if the difference is within 1.96 of its standard deviations and within a factor
-    of 1.3.
+    An episode is whole, or a window of one if fewer than four were recorded. Each half takes one Gauss-Newton step from
+    the common fit, Δθ = −H⁻¹ g with its own H = Jᵀ W J + prior and gradient g. No rollout is needed. They agree if the
+    difference is within 1.96 of its standard deviations and within a factor of 1.3.
     """
-    episodes = np.arange(len(task.evidence))
-    if len(episodes) < 2 or not found.effects:
+    recordings = number_recordings(task.evidence)
+    if recordings.max() < 1 or not found.effects:
         return {}
     moved, spread = [], []
     prior = found.parameters.prior_weights(found.theta) ** 2
-    for half in (episodes[::2], episodes[1::2]):
+    for half in (np.flatnonzero(recordings % 2 == parity) for parity in (0, 1)):
         part = task.select(half)
         hessian, gradient = build_normal_equations(part, found.predicted[half], found.jacobian[:, half])
         inverse = np.linalg.pinv(hessian + np.diag(prior) + 1e-9 * np.eye(len(prior)))
@@ -146,50 +151,6 @@ def compute_conditioning(task: FitTask, found: Fit) -> float:
     scale = 1 / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
     number = float(np.linalg.cond(hessian * scale[:, None] * scale[None])) if len(hessian) else 1.0
     return min(number, 1 / float(np.finfo(float).eps))  # larger numbers are rounding, and JSON has no infinity
-
-
-def compute_intervals(task: FitTask, found: Fit) -> tuple[Mapping[str, tuple[float, float]], ...]:
-    """Return the 95 % confidence intervals of the effects' parameters, by name for each effect.
-
-    Three variances are added: the curvature of the loss with the base parameters free, the variance between episodes
-    (sandwich estimator; White, 1982), and the difference between two formulations of an effect. An effect that adds to
-    a quantity of the model, such as damping, is uncertain by at least the tolerance of that quantity.
-    """
-    spread = np.hypot(*compute_deviations(task, found))
-    result: list[dict[str, tuple[float, float]]] = [{} for _ in found.effects]
-    for free, number, width in zip(found.parameters.effect_parameters, found.theta, spread, strict=False):
-        form_deviation = FORM_DEVIATION * abs(float(number) if free.signed else 1.0)
-        half_width = NORMAL95 * float(np.hypot(width, form_deviation))
-        for place in free.effect_indices:
-            shared_half_width = NORMAL95 * TOLERANCE * read_existing_amount(task, found.effects[place], free.parameter)
-            ends = [free.value(float(number) + sign * half_width) + sign * shared_half_width for sign in (-1, 1)]
-            low, high = np.clip([min(ends), max(ends)], free.parameter.low, free.parameter.high).tolist()
-            result[place][free.parameter.name] = (low, high)
-    return tuple(result)
-
-
-def compute_deviations(task: FitTask, found: Fit) -> tuple[np.ndarray, np.ndarray]:
-    """Return the standard deviations of θ from the curvature and from the variance between episodes, (size,) each.
-
-    In the curvature, rows within `CORRELATION` count as one, because errors of a rollout are correlated.
-    """
-    size, episodes = len(found.jacobian), len(task.evidence)
-    hessian, _ = build_normal_equations(task, found.predicted, found.jacobian)
-    prior = np.diag(found.parameters.prior_weights(found.theta) ** 2)
-    inverse = np.linalg.inv(hessian + prior + 1e-9 * np.eye(size))
-    weights = task.weights(found.predicted) * task.evidence.mask[..., None]
-    (errors, _), (columns, _) = task.errors(found.predicted), task.absorb_change(found.jacobian)
-    rows = (columns * weights).reshape(size, episodes, -1)
-    episode_steps = inverse @ np.einsum("pet,et->pe", rows, (errors * weights).reshape(episodes, -1))
-    by_episode = np.sqrt((episode_steps**2).sum(1) * episodes / max(1, episodes - 1))
-    return np.sqrt(np.clip(np.diag(inverse), 0.0, None)), by_episode
-
-
-def read_existing_amount(task: FitTask, effect: Effect, parameter: Parameter) -> float:
-    """Return the model's value of the quantity that an effect's first parameter adds to [its unit]."""
-    if not effect.replaces or effect.joint is None or parameter is not effect.parameters[0]:
-        return 0.0
-    return read_own_amount(task.nominal.spec, effect.joint, effect.replaces)
 
 
 def list_retuned(final: FinalFit, smallest: float = 0.005) -> list[dict[str, object]]:

@@ -33,6 +33,7 @@ from nas_data.gap.search.row_weights import weigh_rows
 from nas_data.gap.search.scales import estimate_scales
 from nas_data.gap.search.screen import Candidate, Changes, screen
 from nas_data.gap.search.timestep import choose_timestep
+from nas_data.gap.search.torque_scale import Start, leave_out
 
 SHOWN_PARTS = 3  # most effects and base parameters in a progress message
 SHOWN_JOINTS = 6  # joints up to which a progress message lists the rest of each
@@ -154,11 +155,21 @@ class Search:
         parameters = description.parameters(self.train.nominal.base)
         return evaluate_loss(self.task, parameters, parameters.initial_theta(factors))
 
-    def fit_rival(self, description: Description, kept: Hypothesis, steps: int = 4) -> Hypothesis | None:
-        """Fit a description in place of the kept one, further if its score is near; results are cached."""
-        identity = ("rival", description, kept.description, steps, self.task.objective)
+    def fit_rival(self, description: Description, kept: Hypothesis, scaled: Start | None = None) -> Hypothesis | None:
+        """Fit a description in place of the kept one, further if its score is near; results are cached.
+
+        Args:
+            description: Description with the kept hypothesis's values.
+            kept: Hypothesis.
+            scaled: The same description and factors of the model with other values, from which the fit starts if their
+                loss is lower.
+        """
+        identity = ("rival", description, kept.description, self.task.objective)
         if identity not in self._cache:
-            found = self.fit_description(description, kept.fit.factors, kept.fit, steps)
+            start = (description, kept.fit.factors)
+            if scaled is not None and self.evaluate_loss(*scaled) < self.evaluate_loss(*start):
+                start = scaled
+            found = self.fit_description(*start, kept.fit, steps=4)
             near = found is not None and found.score.over(kept.score) < FAR_BEHIND
             self._cache[identity] = self.fit_further(found) if found is not None and near else found
         return self._cache[identity]
@@ -270,7 +281,8 @@ class Search:
             return self.null
         identity = ("without", kept.description, number, self.task.objective)
         if identity not in self._cache:
-            self._cache[identity] = self.fit_rival(description, kept)
+            scaled = leave_out(kept.description, kept.fit.factors, self.train.nominal.spec, number)
+            self._cache[identity] = self.fit_rival(description, kept, scaled)
         return self._cache[identity]
 
     def screen_candidates(self, around: Fit, kept: Hypothesis, joints: set[str]) -> tuple[list[Candidate], Score]:

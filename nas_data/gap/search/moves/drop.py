@@ -14,6 +14,7 @@ from nas_data.gap.search.parameters import FreeParameters
 from nas_data.gap.search.plain_fit import EFFECT_OF_PARAMETER, convert_to_factor
 from nas_data.gap.search.screen import average_scales
 from nas_data.gap.search.search import Search
+from nas_data.gap.search.torque_scale import leave_out
 from nas_data.gap.side_by_side import map_in_parallel
 
 Part = Effect | str
@@ -92,6 +93,9 @@ def fit_without(search: Search, h: Hypothesis, gone: list[Part]) -> Hypothesis |
     replacements = [found for part in gone if (found := find_replacement(search, h, part))]
     replaced = {parameter.name: factor for parameter, factor in replacements}
     starts = [(description, h.fit.factors), (nearer, factors), (description, {**h.fit.factors, **replaced})]
+    if len(gone) == 1 and isinstance(gone[0], Effect):
+        spec, number = search.train.nominal.spec, h.effects.index(gone[0])
+        starts += filter(None, [leave_out(h.description, h.fit.factors, spec, number)])
     best = min(starts, key=lambda start: search.evaluate_loss(*start).nats)
     return search.fit_description(*best, h.fit, steps=4)
 

@@ -4,12 +4,15 @@ from collections.abc import Sequence
 
 from nas_data import registry
 from nas_data.count_of import count_of
-from nas_data.effects.base import Effect, find_effect
+from nas_data.effects.base import Effect, find_effect, make_effect
 from nas_data.gap.search.constants import FAR_BEHIND, LARGE_SIZE, MAX_ALTERNATIVES, MAX_LEADERS, MAX_ROUNDS
-from nas_data.gap.search.hypothesis import Hypothesis, effect_key
+from nas_data.gap.search.hypothesis import Description, Hypothesis, effect_key
 from nas_data.gap.search.moves.drop import estimate_losses
 from nas_data.gap.search.search import Search
+from nas_data.gap.search.torque_scale import Start, find_sufficient_ratio, leave_out
 from nas_data.gap.side_by_side import map_in_parallel
+
+GAIN = "servo_stiffness"  # effect
 
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
@@ -90,8 +93,30 @@ def fit_rivals(search: Search, h: Hypothesis, number: int) -> list[Hypothesis]:
     """Fit a hypothesis with each rival in place of one effect; return the results sorted by score."""
     rest = h.description.without_effect(number)
     rivals = list_rivals(search, h.effects[number], rest.effects)
-    fitted = map_in_parallel(lambda rival: search.fit_rival(rest.add_effects(rival), h), rivals)
+    starts: list[tuple[Description, Start | None]] = [(rest.add_effects(rival), None) for rival in rivals]
+    if scaled := replace_by_gain(search, h, number):
+        starts.append((scaled[0], scaled))
+    fitted = map_in_parallel(lambda start: search.fit_rival(start[0], h, start[1]), starts)
     return sorted((one for one in fitted if one and one.is_finite), key=lambda one: one.score)
+
+
+def replace_by_gain(search: Search, h: Hypothesis, number: int) -> Start | None:
+    """Return a hypothesis with another position gain in place of an effect; None if its joint has one already.
+
+    All torques of the joint are multiplied by the number at which the effect is no longer needed.
+    """
+    effect, taken = h.effects[number], h.description
+    kinds = {parameter.kind for parameter in search.train.nominal.base if parameter.joint == effect.joint}
+    known = [(other.name(), other.joint) for other in h.effects]
+    if "gain" not in kinds or f"{effect.joint}.gain" in taken.freed or (GAIN, effect.joint) in known:
+        return None
+    spec = search.train.nominal.spec
+    ratio, rest = find_sufficient_ratio(effect, spec), leave_out(taken, h.fit.factors, spec, number)
+    if ratio is None or rest is None or GAIN in taken.shared:
+        return None
+    first = find_effect(GAIN).parameters[0]
+    gain = make_effect(GAIN, effect.joint, {first.name: min(max(ratio, first.low), first.high)})
+    return rest[0].add_effects(gain), rest[1]
 
 
 def list_rivals(search: Search, effect: Effect, others: Sequence[Effect]) -> list[Effect]:

@@ -1,0 +1,129 @@
+"""Confidence intervals of the effects' parameters."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.special import stdtrit
+
+from nas_data.effects.base import Effect, Parameter
+from nas_data.gap.episode_batch import EpisodeBatch
+from nas_data.gap.nominal_parameters import TOLERANCE, read_own_amount
+from nas_data.gap.search.constants import PARAMETER_PRICE
+from nas_data.gap.search.fit import Fit, compute_inverse_hessian, fit
+from nas_data.gap.search.hypothesis import Description, reuse_jacobian
+from nas_data.gap.search.objective import FitTask
+from nas_data.gap.search.parameters import FreeParameter
+from nas_data.gap.search.scales import estimate_scales
+
+FORM_DEVIATION = 0.01  # relative standard deviation between two formulations of one effect
+FEWEST_RECORDINGS = 4  # recorded episodes below which windows of them are compared
+NORMAL95 = 1.96  # 97.5 % quantile of the standard normal distribution
+
+
+def compute_intervals(
+    task: FitTask, found: Fit, form_change: np.ndarray
+) -> tuple[Mapping[str, tuple[float, float]], ...]:
+    """Return the 95 % confidence intervals of the effects' parameters, by name for each effect.
+
+    Squares of half-widths are added: from the curvature of the loss with the base parameters free, from the variance
+    between recorded episodes (clustered sandwich estimator with Student's t; Liang and Zeger, 1986), and from small
+    differences between two formulations of an effect. An interval reaches on to the value that a fit with the optional
+    parameters gives. An effect that adds to a quantity of the model, such as damping, is uncertain by at least the
+    tolerance of that quantity.
+
+    Args:
+        task: Model and episodes.
+        found: Fit to them.
+        form_change: Change of θ with the optional parameters of the effects, shape (effect parameters,).
+    """
+    spread = np.hypot(compute_curvature_widths(task, found), compute_episode_widths(task, found))
+    result: list[dict[str, tuple[float, float]]] = [{} for _ in found.effects]
+    for column, free in enumerate(found.parameters.effect_parameters):
+        number = float(found.theta[column])
+        form_width = NORMAL95 * FORM_DEVIATION * abs(number if free.signed else 1.0)
+        half_width = float(np.hypot(spread[column], form_width))
+        lowest, highest = (number + limit(form_change[column], 0.0) for limit in (min, max))
+        for place in free.effect_indices:
+            shared_half_width = NORMAL95 * TOLERANCE * read_existing_amount(task, found.effects[place], free.parameter)
+            ends = [free.value(lowest - half_width) - shared_half_width]
+            ends += [free.value(highest + half_width) + shared_half_width]
+            low, high = np.clip([min(ends), max(ends)], free.parameter.low, free.parameter.high).tolist()
+            result[place][free.parameter.name] = (low, high)
+    return tuple(result)
+
+
+def compute_curvature_widths(task: FitTask, found: Fit) -> np.ndarray:
+    """Return the half-widths of θ from the curvature of the loss, shape (size,).
+
+    Rows within `CORRELATION` count as one, because errors of a rollout are correlated.
+    """
+    return np.asarray(NORMAL95 * np.sqrt(np.clip(np.diag(compute_inverse_hessian(task, found)), 0.0, None)))
+
+
+def compute_episode_widths(task: FitTask, found: Fit) -> np.ndarray:
+    """Return the half-widths of θ from the variance between recorded episodes, shape (size,)."""
+    recordings = number_recordings(task.evidence)
+    weights = task.weights(found.predicted) * task.evidence.mask[..., None]
+    (errors, _), (columns, _) = task.errors(found.predicted), task.absorb_change(found.jacobian)
+    windows = len(task.evidence)
+    rows = (columns * weights).reshape(len(columns), windows, -1)
+    steps = compute_inverse_hessian(task, found) @ np.einsum(
+        "pet,et->pe", rows, (errors * weights).reshape(windows, -1)
+    )
+    count = int(recordings.max()) + 1
+    totals = np.stack([steps[:, recordings == number].sum(1) for number in range(count)])
+    if count < 2:
+        return np.zeros(len(columns))
+    return np.asarray(stdtrit(count - 1, 0.975) * np.sqrt((totals**2).sum(0) * count / (count - 1)))
+
+
+def number_recordings(evidence: EpisodeBatch) -> np.ndarray:
+    """Return the index of each window's recorded episode, or its own if few were recorded, shape (E,)."""
+    numbers, recordings = np.unique(evidence.numbers, return_inverse=True)
+    return recordings if len(numbers) >= FEWEST_RECORDINGS else np.arange(len(evidence))
+
+
+def measure_form_change(task: FitTask, description: Description, found: Fit) -> np.ndarray:
+    """Return the change of the effects' θ in a fit that also has their optional parameters.
+
+    It is 0 without such parameters, and where that fit is worse.
+
+    Args:
+        task: Model and episodes.
+        description: Structure of the fit.
+        found: Fit to the episodes.
+
+    Returns:
+        Change of θ, shape (effect parameters,).
+    """
+    columns = len(found.parameters.effect_parameters)
+    estimated = estimate_scales(task.nominal, task.evidence, found.predicted)
+    scales = dict(zip(task.nominal.joints, estimated, strict=True))
+    freed = [effect.with_optional_parameters(scales.get(effect.joint or "")) for effect in found.effects]
+    if freed == list(found.effects):
+        return np.zeros(columns)
+    parameters = description.with_effects(freed).parameters(task.nominal.base)
+    known = reuse_jacobian(found, parameters)
+    other = fit(task, parameters, parameters.initial_theta(found.factors), known, steps=4, jacobian_refreshes=1)
+    if other is None or not other.loss < found.loss + PARAMETER_PRICE:
+        return np.zeros(columns)
+    change = np.zeros(columns)
+    for column, free in enumerate(found.parameters.effect_parameters):
+        value = getattr(other.effects[free.effect_indices[0]], free.parameter.name)
+        change[column] = find_theta(free, value) - float(found.theta[column])
+    return change
+
+
+def find_theta(free: FreeParameter, value: float) -> float:
+    """Return the θ at which a parameter has a value, the inverse of `FreeParameter.value`."""
+    if free.signed:
+        return (value - free.v0) / free.scale
+    return math.log(max(value, math.ulp(0.0)) / free.v0)
+
+
+def read_existing_amount(task: FitTask, effect: Effect, parameter: Parameter) -> float:
+    """Return the model's value of the quantity that an effect's first parameter adds to [its unit]."""
+    if not effect.replaces or effect.joint is None or parameter is not effect.parameters[0]:
+        return 0.0
+    return read_own_amount(task.nominal.spec, effect.joint, effect.replaces)
