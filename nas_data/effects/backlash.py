@@ -20,7 +20,7 @@ class Backlash(Effect):
     """The link lags behind the servo by up to `half_width` and changes sides when the load on it reverses.
 
     The model is a second hinge `<joint>_play` with stops. The servo controls its own side; the link is measured. The
-    stops are rigid, or they yield with `stiffness`, as teeth and shafts do.
+    stops are rigid, or they yield with `stiffness`, as teeth and shafts do. Both are critically damped.
     """
 
     half_width: float
@@ -32,7 +32,8 @@ class Backlash(Effect):
     )
     edit_order: ClassVar = 1
     equation: ClassVar = (
-        "q = q_servo + p, |p| ≤ half_width; with a stiffness, torque = stiffness · (|p| − half_width) · sign(p) beyond"
+        "q = q_servo + p, |p| ≤ half_width; with a stiffness, torque = stiffness · (|p| − half_width) · sign(p) beyond, "
+        "critically damped"
     )
     source: ClassVar = "MuJoCo documentation, Modeling, Backlash: two hinges on one axis"
     signature: ClassVar = (
@@ -47,8 +48,8 @@ class Backlash(Effect):
 
     @classmethod
     def optional_guess(cls, scales: Scales | None) -> Mapping[str, float]:
-        """Stops that are three times as stiff as the servo."""
-        return {"stiffness": 3.0 * scales.stiffness} if scales else {}
+        """Stops that are ten times as stiff as the servo."""
+        return {"stiffness": 10.0 * scales.stiffness} if scales else {}
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add the play, or widen existing play; stops in series with existing ones yield more."""

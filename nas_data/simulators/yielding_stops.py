@@ -24,8 +24,9 @@ class YieldingStops:
         """Return the torques of the stops [N·m; N], shape (nv,), for qpos (nq,) and qvel (nv,)."""
         torques, positions = np.zeros(len(qvel)), qpos[self.qpos]
         beyond = positions - np.clip(positions, self.low, self.high)
-        speeds = qvel[self.dof] * (beyond != 0)
-        torques[self.dof] = -self.stiffness * (beyond + self.loss_time * speeds)
+        side = np.sign(beyond)
+        push = side * self.stiffness * (beyond + self.loss_time * qvel[self.dof])
+        torques[self.dof] = -side * np.maximum(push, 0)  # a stop never pulls
         return torques
 
 

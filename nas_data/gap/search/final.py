@@ -14,7 +14,6 @@ from nas_data.gap.search.intervals import (
     FORM_DEVIATION,
     NORMAL95,
     compute_intervals,
-    measure_form_change,
     number_recordings,
 )
 from nas_data.gap.search.objective import FitTask
@@ -80,7 +79,7 @@ def fit_final(task: FitTask, description: Description, factors: dict[str, float]
     return FinalFit(
         effects=found.effects,
         factors={**found.factors, **firm},
-        intervals=compute_intervals(task, found, measure_form_change(task, description, found)),
+        intervals=compute_intervals(task, description, found),
         fine=task.fine,
         at_bound=find_at_bound(found),
         conditioning=compute_conditioning(task, found),

@@ -1,7 +1,7 @@
 """Confidence intervals of the effects' parameters."""
 
-import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import stdtrit
@@ -13,7 +13,6 @@ from nas_data.gap.search.constants import PARAMETER_PRICE
 from nas_data.gap.search.fit import Fit, compute_inverse_hessian, fit
 from nas_data.gap.search.hypothesis import Description, reuse_jacobian
 from nas_data.gap.search.objective import FitTask
-from nas_data.gap.search.parameters import FreeParameter
 from nas_data.gap.search.scales import estimate_scales
 
 FORM_DEVIATION = 0.01  # relative standard deviation between two formulations of one effect
@@ -22,33 +21,32 @@ NORMAL95 = 1.96  # 97.5 % quantile of the standard normal distribution
 
 
 def compute_intervals(
-    task: FitTask, found: Fit, form_change: np.ndarray
+    task: FitTask, description: Description, found: Fit
 ) -> tuple[Mapping[str, tuple[float, float]], ...]:
     """Return the 95 % confidence intervals of the effects' parameters, by name for each effect.
 
     Squares of half-widths are added: from the curvature of the loss with the base parameters free, from the variance
     between recorded episodes (clustered sandwich estimator with Student's t; Liang and Zeger, 1986), and from small
-    differences between two formulations of an effect. An interval reaches on to the value that a fit with the optional
-    parameters gives. An effect that adds to a quantity of the model, such as damping, is uncertain by at least the
-    tolerance of that quantity.
+    differences between two formulations of an effect. An interval reaches on to the value of a freer fit, with optional
+    parameters and without shared values. An effect that adds to a quantity of the model, such as damping, is uncertain
+    by at least the tolerance of that quantity.
 
     Args:
         task: Model and episodes.
-        found: Fit to them.
-        form_change: Change of θ with the optional parameters of the effects, shape (effect parameters,).
+        description: Structure of the fit.
+        found: Fit to the episodes.
     """
-    spread = np.hypot(compute_curvature_widths(task, found), compute_episode_widths(task, found))
+    widths = np.hypot(compute_curvature_widths(task, found), compute_episode_widths(task, found))
+    freer = fit_freer_form(task, description, found)
     result: list[dict[str, tuple[float, float]]] = [{} for _ in found.effects]
-    for column, free in enumerate(found.parameters.effect_parameters):
-        number = float(found.theta[column])
-        form_width = NORMAL95 * FORM_DEVIATION * abs(number if free.signed else 1.0)
-        half_width = float(np.hypot(spread[column], form_width))
-        lowest, highest = (number + limit(form_change[column], 0.0) for limit in (min, max))
+    for free, number, width in zip(found.parameters.effect_parameters, found.theta, widths, strict=False):
+        form_width = NORMAL95 * FORM_DEVIATION * abs(float(number) if free.signed else 1.0)
+        half_width = float(np.hypot(width, form_width))
         for place in free.effect_indices:
             shared_half_width = NORMAL95 * TOLERANCE * read_existing_amount(task, found.effects[place], free.parameter)
-            ends = [free.value(lowest - half_width) - shared_half_width]
-            ends += [free.value(highest + half_width) + shared_half_width]
-            low, high = np.clip([min(ends), max(ends)], free.parameter.low, free.parameter.high).tolist()
+            ends = [free.value(float(number) + sign * half_width) + sign * shared_half_width for sign in (-1, 1)]
+            reached = [*ends, getattr(freer[place], free.parameter.name)]
+            low, high = np.clip([min(reached), max(reached)], free.parameter.low, free.parameter.high).tolist()
             result[place][free.parameter.name] = (low, high)
     return tuple(result)
 
@@ -84,42 +82,26 @@ def number_recordings(evidence: EpisodeBatch) -> np.ndarray:
     return recordings if len(numbers) >= FEWEST_RECORDINGS else np.arange(len(evidence))
 
 
-def measure_form_change(task: FitTask, description: Description, found: Fit) -> np.ndarray:
-    """Return the change of the effects' θ in a fit that also has their optional parameters.
+def fit_freer_form(task: FitTask, description: Description, found: Fit) -> tuple[Effect, ...]:
+    """Return the effects in a fit with their optional parameters and without shared values.
 
-    It is 0 without such parameters, and where that fit is worse.
+    They are those of the given fit where there is nothing to free, or where the freer fit has not converged.
 
     Args:
         task: Model and episodes.
         description: Structure of the fit.
         found: Fit to the episodes.
-
-    Returns:
-        Change of θ, shape (effect parameters,).
     """
-    columns = len(found.parameters.effect_parameters)
     estimated = estimate_scales(task.nominal, task.evidence, found.predicted)
     scales = dict(zip(task.nominal.joints, estimated, strict=True))
-    freed = [effect.with_optional_parameters(scales.get(effect.joint or "")) for effect in found.effects]
-    if freed == list(found.effects):
-        return np.zeros(columns)
-    parameters = description.with_effects(freed).parameters(task.nominal.base)
+    freed = tuple(effect.with_optional_parameters(scales.get(effect.joint or "")) for effect in found.effects)
+    freer = replace(description, effects=freed, shared=frozenset())
+    if freer == replace(description, effects=found.effects):
+        return found.effects
+    parameters = freer.parameters(task.nominal.base)
     known = reuse_jacobian(found, parameters)
     other = fit(task, parameters, parameters.initial_theta(found.factors), known, steps=4, jacobian_refreshes=1)
-    if other is None or not other.loss < found.loss + PARAMETER_PRICE:
-        return np.zeros(columns)
-    change = np.zeros(columns)
-    for column, free in enumerate(found.parameters.effect_parameters):
-        value = getattr(other.effects[free.effect_indices[0]], free.parameter.name)
-        change[column] = find_theta(free, value) - float(found.theta[column])
-    return change
-
-
-def find_theta(free: FreeParameter, value: float) -> float:
-    """Return the θ at which a parameter has a value, the inverse of `FreeParameter.value`."""
-    if free.signed:
-        return (value - free.v0) / free.scale
-    return math.log(max(value, math.ulp(0.0)) / free.v0)
+    return other.effects if other and other.loss < found.loss + PARAMETER_PRICE else found.effects
 
 
 def read_existing_amount(task: FitTask, effect: Effect, parameter: Parameter) -> float:
