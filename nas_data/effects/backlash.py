@@ -32,8 +32,7 @@ class Backlash(Effect):
     )
     edit_order: ClassVar = 1
     equation: ClassVar = (
-        "q = q_servo + p, |p| ≤ half_width; with a stiffness, torque = stiffness · (|p| − half_width) · sign(p) beyond, "
-        "critically damped"
+        "q = q_servo + p, |p| ≤ half_width; with a stiffness, torque = stiffness · (|p| − half_width) · sign(p) beyond"
     )
     source: ClassVar = "MuJoCo documentation, Modeling, Backlash: two hinges on one axis"
     signature: ClassVar = (

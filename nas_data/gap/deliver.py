@@ -7,13 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.effects.base import Effect
 from nas_data.gap.floor import compute_floor_ratios
 from nas_data.gap.name import Naming
 from nas_data.gap.problem import Problem
 from nas_data.gap.score_model import HeldOutResult, Prediction, predict_held, score_model
 from nas_data.gap.search.constants import ERROR_SHARE, EXPLAINED
-from nas_data.gap.search.final import FinalFit, fit_final
-from nas_data.gap.search.hypothesis import Description
+from nas_data.gap.search.final import MAX_RATIO, FinalFit, fit_final
+from nas_data.gap.search.hypothesis import Description, effect_key
+from nas_data.gap.search.plain_fit import convert_parameter
 from nas_data.gap.write_model import write_effects
 from nas_data.joint_units import average_by_kind
 from nas_data.runs.progress import Report
@@ -31,7 +33,7 @@ def deliver(problem: Problem, naming: Naming, folder: Path, say: Report) -> Deli
     if found.accepts(found.outcome.written):
         return naming, found.outcome
     say("the written names predict held-out episodes worse than the plain fit or the model as given")
-    for attempt in (fit_with_fine_steps, keep_written_names, add_plain_fit, write_plain_fit):
+    for attempt in (fit_with_fine_steps, keep_written_names, add_plain_fit, write_plain_fit, keep_confirmed_names):
         if delivered := attempt(found):
             return delivered
     return leave_names_out(found)
@@ -148,6 +150,38 @@ def write_plain_fit(found: Delivery) -> Delivered | None:
     if not found.naming.findings or not near or found.rms(outcome.plain) > found.rms(outcome.before):
         return None
     return found.deliver_with_names(replace(found.score(found.naming.plain), delivered="plain"))
+
+
+def keep_confirmed_names(found: Delivery) -> Delivered | None:
+    """Write the plain fit, with the names that it confirms in place of its parameters, if there are any.
+
+    A name is confirmed if the plain fit changed the same quantity to a similar value.
+    """
+    plain, spec = found.naming.plain, found.problem.train.nominal.spec
+    if found.rms(found.outcome.plain) > found.rms(found.outcome.before):
+        return None
+    made = {name: convert_parameter(spec, name, plain.factors[name]) for name in found.naming.plain_description.freed}
+    names = {effect_key(effect): name for name, effect in made.items() if effect is not None}
+    confirmed = {
+        effect_key(effect): other
+        for effect in found.naming.final.effects
+        if (other := made.get(names.get(effect_key(effect), ""))) is not None and are_similar(effect, other)
+    }
+    if not confirmed:
+        return None
+    replaced = {names[key] for key in confirmed}
+    effects = (*(effect for effect in plain.effects if effect_key(effect) not in confirmed), *confirmed.values())
+    factors = {name: factor for name, factor in plain.factors.items() if name not in replaced}
+    naming = found.naming.with_fit(found.naming.final.with_values(confirmed))
+    naming = replace(naming, final=replace(plain, effects=effects, factors=factors))
+    return naming, replace(found.score(naming.final), delivered="names and plain")
+
+
+def are_similar(effect: Effect, other: Effect) -> bool:
+    """Whether the first parameters of two effects agree within the largest ratio of two halves."""
+    first = effect.parameters[0].name
+    ratio = getattr(effect, first) / getattr(other, first)
+    return 1 / MAX_RATIO <= ratio <= MAX_RATIO
 
 
 def leave_names_out(found: Delivery) -> Delivered:

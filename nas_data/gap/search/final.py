@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from nas_data.effects.base import Effect, Parameter
 from nas_data.gap.nominal_parameters import FIRM
 from nas_data.gap.search.fit import Fit, build_normal_equations, fit, measure_jacobian
-from nas_data.gap.search.hypothesis import Description, reuse_jacobian
+from nas_data.gap.search.hypothesis import Description, Key, effect_key, reuse_jacobian
 from nas_data.gap.search.intervals import (
     FORM_DEVIATION,
     NORMAL95,
@@ -47,6 +47,21 @@ class FinalFit:
     at_bound: frozenset[str] = frozenset()
     conditioning: float = 1.0
     stable: Mapping[str, bool] = field(default_factory=dict)
+
+    def with_values(self, others: Mapping[Key, Effect]) -> "FinalFit":
+        """Return only some effects, with the values of other fits, to which their intervals reach."""
+        kept = [number for number, effect in enumerate(self.effects) if effect_key(effect) in others]
+        effects = tuple(others[effect_key(self.effects[number])] for number in kept)
+        intervals = tuple(
+            {name: reach(interval, getattr(effect, name)) for name, interval in self.intervals[number].items()}
+            for number, effect in zip(kept, effects, strict=True)
+        )
+        return replace(self, effects=effects, intervals=intervals)
+
+
+def reach(interval: tuple[float, float], value: float) -> tuple[float, float]:
+    """Return an interval extended to a value."""
+    return min(interval[0], value), max(interval[1], value)
 
 
 def fit_final(task: FitTask, description: Description, factors: dict[str, float], rounds: int = ROUNDS) -> FinalFit:

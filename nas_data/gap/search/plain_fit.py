@@ -5,6 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 
+import mujoco
 import numpy as np
 
 from nas_data.count_of import count_of
@@ -15,7 +16,7 @@ from nas_data.gap.episode_batch import cut_windows
 from nas_data.gap.nominal_parameters import MAX_LOG_CHANGE, NominalParameter, read_own_value
 from nas_data.gap.search.constants import AT_FLOOR, ERROR_SHARE, MAX_ALTERNATIVES, PRICE, SHORT_WINDOW
 from nas_data.gap.search.fit import Fit, find_label_joint, fit, group_moved_joints, is_effect_or_freed
-from nas_data.gap.search.hypothesis import Description, Hypothesis, reuse_jacobian
+from nas_data.gap.search.hypothesis import Description, Hypothesis, effect_key, reuse_jacobian
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FREED_ONLY, FreeParameters, Label
 from nas_data.gap.search.screen import screen
@@ -229,18 +230,22 @@ def convert_to_effects(search: Search, plain: Hypothesis) -> Description:
     freed = {name for name in plain.description.freed if abs(math.log(factors[name])) > MAX_LOG_CHANGE}
     floor = dict(zip(search.train.nominal.joints, search.train.floor, strict=True))
     effects = [effect for effect in plain.effects if not is_below_floor(effect, floor)]
-    present = {(effect.name(), effect.joint) for effect in effects}
-    kinds = {kind: (effect, way) for effect, (kind, way) in EFFECT_OF_PARAMETER.items()}
+    present = {effect_key(effect) for effect in effects}
     for name in sorted(freed):
-        joint, kind = name.rsplit(".", 1)
-        effect, way = kinds.get(kind, ("", FACTOR))
-        factor, own = factors[name], read_own_value(spec, joint, kind)
-        value = {FACTOR: factor, ADDED: (factor - 1) * own, LOWERED: factor * own if factor < 1 else 0.0}[way]
-        if effect and value > 0:
+        if (effect := convert_parameter(spec, name, factors[name])) is not None:
             freed.discard(name)
-            if (effect, joint) not in present:
-                effects.append(make_clipped_effect(effect, joint, value))
+            if effect_key(effect) not in present:
+                effects.append(effect)
     return replace(plain.description, effects=tuple(effects), freed=frozenset(freed))
+
+
+def convert_parameter(spec: mujoco.MjSpec, name: str, factor: float) -> Effect | None:
+    """Return the effect that is equivalent to a factor on a parameter of a model; None if there is none."""
+    joint, kind = name.rsplit(".", 1)
+    effect, way = next(((key, way) for key, (own, way) in EFFECT_OF_PARAMETER.items() if own == kind), ("", FACTOR))
+    own = read_own_value(spec, joint, kind)
+    value = {FACTOR: factor, ADDED: (factor - 1) * own, LOWERED: factor * own if factor < 1 else 0.0}[way]
+    return make_clipped_effect(effect, joint, value) if effect and value > 0 else None
 
 
 def convert_to_factor(search: Search, effect: Effect) -> tuple[NominalParameter, float] | None:
