@@ -27,9 +27,9 @@ def compute_intervals(
 
     Squares of half-widths are added: from the curvature of the loss with the base parameters free, from the variance
     between recorded episodes (clustered sandwich estimator with Student's t; Liang and Zeger, 1986), and from small
-    differences between two formulations of an effect. An interval reaches on to the value of a freer fit, with optional
-    parameters and without shared values. An effect that adds to a quantity of the model, such as damping, is uncertain
-    by at least the tolerance of that quantity.
+    differences between two formulations of an effect. The interval is the union of those around this fit's value and the
+    values of freer fits, without shared values and with optional parameters. An effect that adds to a quantity of the
+    model, such as damping, is uncertain by at least the tolerance of that quantity.
 
     Args:
         task: Model and episodes.
@@ -37,16 +37,17 @@ def compute_intervals(
         found: Fit to the episodes.
     """
     widths = np.hypot(compute_curvature_widths(task, found), compute_episode_widths(task, found))
-    freer = fit_freer_form(task, description, found)
+    freer = fit_freer_forms(task, description, found)
     result: list[dict[str, tuple[float, float]]] = [{} for _ in found.effects]
     for free, number, width in zip(found.parameters.effect_parameters, found.theta, widths, strict=False):
         form_width = NORMAL95 * FORM_DEVIATION * abs(float(number) if free.signed else 1.0)
         half_width = float(np.hypot(width, form_width))
         for place in free.effect_indices:
             shared_half_width = NORMAL95 * TOLERANCE * read_existing_amount(task, found.effects[place], free.parameter)
-            ends = [free.value(float(number) + sign * half_width) + sign * shared_half_width for sign in (-1, 1)]
-            reached = [*ends, getattr(freer[place], free.parameter.name)]
-            low, high = np.clip([min(reached), max(reached)], free.parameter.low, free.parameter.high).tolist()
+            values = [free.value(float(number)), *(getattr(form[place], free.parameter.name) for form in freer)]
+            low = min(free.move(value, -half_width) for value in values) - shared_half_width
+            high = max(free.move(value, half_width) for value in values) + shared_half_width
+            low, high = np.clip([low, high], free.parameter.low, free.parameter.high).tolist()
             result[place][free.parameter.name] = (low, high)
     return tuple(result)
 
@@ -82,10 +83,10 @@ def number_recordings(evidence: EpisodeBatch) -> np.ndarray:
     return recordings if len(numbers) >= FEWEST_RECORDINGS else np.arange(len(evidence))
 
 
-def fit_freer_form(task: FitTask, description: Description, found: Fit) -> tuple[Effect, ...]:
-    """Return the effects in a fit with their optional parameters and without shared values.
+def fit_freer_forms(task: FitTask, description: Description, found: Fit) -> list[tuple[Effect, ...]]:
+    """Return the effects in fits without shared values, and with optional parameters as well.
 
-    They are those of the given fit where there is nothing to free, or where the freer fit has not converged.
+    A fit that has nothing to free, or has not converged, is left out.
 
     Args:
         task: Model and episodes.
@@ -94,14 +95,19 @@ def fit_freer_form(task: FitTask, description: Description, found: Fit) -> tuple
     """
     estimated = estimate_scales(task.nominal, task.evidence, found.predicted)
     scales = dict(zip(task.nominal.joints, estimated, strict=True))
-    freed = tuple(effect.with_optional_parameters(scales.get(effect.joint or "")) for effect in found.effects)
-    freer = replace(description, effects=freed, shared=frozenset())
-    if freer == replace(description, effects=found.effects):
-        return found.effects
-    parameters = freer.parameters(task.nominal.base)
-    known = reuse_jacobian(found, parameters)
-    other = fit(task, parameters, parameters.initial_theta(found.factors), known, steps=4, jacobian_refreshes=1)
-    return other.effects if other and other.loss < found.loss + PARAMETER_PRICE else found.effects
+    forms, last, near = [], replace(description, effects=found.effects), found
+    for optional in (False, True):
+        freed = [e.with_optional_parameters(scales.get(e.joint or "")) if optional else e for e in near.effects]
+        freer = replace(description, effects=tuple(freed), shared=frozenset())
+        if freer == last:
+            continue
+        parameters = freer.parameters(task.nominal.base)
+        known = reuse_jacobian(near, parameters)
+        other = fit(task, parameters, parameters.initial_theta(near.factors), known, steps=4, jacobian_refreshes=1)
+        if other is not None and other.loss < near.loss + PARAMETER_PRICE:
+            forms.append(other.effects)
+            last, near = replace(freer, effects=other.effects), other
+    return forms
 
 
 def read_existing_amount(task: FitTask, effect: Effect, parameter: Parameter) -> float:

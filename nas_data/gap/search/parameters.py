@@ -50,6 +50,10 @@ class FreeParameter:
         value = self.v0 + self.scale * number if self.signed else self.v0 * factor
         return float(np.clip(value, self.parameter.low, self.parameter.high))
 
+    def move(self, value: float, change: float) -> float:
+        """Return a value after a change of θ, without bounds."""
+        return value + self.scale * change if self.signed else value * math.exp(change)
+
     def bounds(self) -> tuple[float, float]:
         """Return the bounds of θ."""
         low, high = self.parameter.low, self.parameter.high
