@@ -16,7 +16,7 @@ from nas_data.effects.edits.servo import (
     take_own_unit,
 )
 from nas_data.errors import ModelFileError
-from nas_data.mjcf.actuator_lookup import BAND
+from nas_data.mjcf.actuator_lookup import BAND, PROFILE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +72,8 @@ class IntegralGain(Effect):
             return "filters its command already"
         if spec.actuator(f"{self.joint}{BAND}") is not None:
             return "has a dead band that the integral would overcome"
+        if spec.actuator(f"{self.joint}{PROFILE}") is not None:
+            return "moves a goal joint with a profile, whose error the integral would sum up"
         fixed = servo.gaintype == mujoco.mjtGain.mjGAIN_FIXED
         if fixed and servo.biasprm[0] and servo.gainprm[0] != read_position_feedback(servo):
             return "takes a control with a zero of its own; give a model that is commanded positions"

@@ -9,7 +9,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import POSITION, Feature
 from nas_data.errors import DatasetInvalid, ModelFileError
 from nas_data.robots.base import find_robot
-from nas_data.simulators.servo_registers import GAIN as NUMERIC
+from nas_data.simulators.register_kinds import GAIN as NUMERIC
 from nas_data.simulators.servo_registers import read_stated
 
 REGISTER = "nas.p_gain"  # column of a dataset: P register of the servos, one for all joints or one each

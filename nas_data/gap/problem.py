@@ -21,7 +21,8 @@ from nas_data.gap.search.objective import FitTask
 from nas_data.log import warn
 from nas_data.pairing import check_fits, warn_of_ranges
 from nas_data.robots.base import TORQUES
-from nas_data.simulators.servo_registers import GAIN, ServoRegisters
+from nas_data.simulators.register_kinds import GAIN
+from nas_data.simulators.servo_registers import ServoRegisters
 
 TRAIN_STEPS = 120_000  # most physics steps of one rollout of all training episodes, about 0.5 s
 HELD_STEPS = 60_000  # the same for the held-out episodes

@@ -33,9 +33,12 @@ from nas_data.recorders.lerobot_servos import (
 )
 
 VOLT = 0.1  # [V] voltage unit of both makers
-TRANSIENT_REGISTERS = (
+TRANSIENT_REGISTERS = (  # the speed of the goal, Goal_Velocity, is a setting
     "Present_",
-    "Goal_",
+    "Goal_Position",
+    "Goal_Time",
+    "Goal_PWM",
+    "Goal_Current",
     "Moving",
     "Status",
     "Hardware_Error",

@@ -8,24 +8,11 @@ import mujoco
 
 from nas_data.count_of import join_items
 from nas_data.dataset.provenance import Provenance
-from nas_data.effects.base import find_joint_actuator
-from nas_data.effects.edits.servo import find_position_servo, scale_limit, scale_stiffness
-from nas_data.effects.speed_limit import SpeedLimit
+from nas_data.effects.edits.derived_servo_values import fix_derived_values
 from nas_data.errors import ModelFileError
 from nas_data.robots.base import ConsecutiveEdits, Robot
-from nas_data.robots.ergojr import VELOCITY_QUANTUM
-
-GAIN, TORQUE, SPEED = "p_gain", "torque_limit", "moving_speed"
-# Names of each register in the control tables: XL-320, then LeRobot's names for Feetech and Dynamixel X. A servo's
-# limit is the lowest of those it has.
-NAMES: Mapping[str, tuple[str, ...]] = {
-    GAIN: ("p_gain", "P_Coefficient", "Position_P_Gain"),
-    TORQUE: ("torque_limit", "max_torque", "Torque_Limit"),
-    SPEED: ("moving_speed",),
-}
-WORDS = {GAIN: "position gain", TORQUE: "torque limit", SPEED: "speed of the goal"}
-SPEED_UNIT = VELOCITY_QUANTUM  # [rad/s] of the register moving_speed; 0 is no limit; XL-320 e-manual
-SPEED_BITS = 1023  # part of moving_speed that is the speed, XL-320 e-manual
+from nas_data.simulators.register_changes import Setting
+from nas_data.simulators.register_kinds import KINDS, TORQUE, RegisterKind
 
 Values = Mapping[str, Mapping[str, float]]  # by register and joint
 
@@ -35,7 +22,7 @@ class ServoRegisters:
     """Registers of the servos during a recording.
 
     Attributes:
-        values: Value by register (`NAMES`) and joint.
+        values: Value by register (`KINDS`) and joint.
         changing: Registers that differ between episodes; they have no value.
     """
 
@@ -48,7 +35,7 @@ class ServoRegisters:
         stored = ((provenance.target if provenance else None) or {}).get("registers")
         entries = [_normalise(entry["joints"], joints) for entry in stored] if isinstance(stored, list) else []
         first, *others = entries or [{}]
-        changing = tuple(name for name in NAMES if any(other.get(name) != first.get(name) for other in others))
+        changing = tuple(name for name in KINDS if any(other.get(name) != first.get(name) for other in others))
         return cls({name: values for name, values in first.items() if name not in changing}, changing)
 
     def without(self, register: str) -> "ServoRegisters":
@@ -57,7 +44,7 @@ class ServoRegisters:
         return ServoRegisters(values, tuple(name for name in self.changing if name != register))
 
     def set_in(self, robot: Robot) -> Robot:
-        """Return a robot whose model has these registers, as far as it states those of its own.
+        """Return a robot whose model has these registers, as far as they can be set.
 
         The new model states these registers, so that a second call changes nothing.
 
@@ -71,31 +58,26 @@ class ServoRegisters:
 
     def describe(self, robot: Robot) -> tuple[str, ...]:
         """Return sentences: what `set_in` changes in a robot's model, and which registers it cannot use."""
-        if not self.values and not self.changing:
-            return ()
-        spec = robot.spec()
         changes: dict[str, list[str]] = {}
+        refused: dict[tuple[str, str], list[str]] = {}
         unknown: dict[str, None] = {}
-        filtered: list[str] = []
-        for name, joint, value in self:
-            own = read_stated(spec, robot, name, joint)
-            if own is None:
-                unknown[name] = None
-            elif value != own and not can_set(spec, name, joint):
-                filtered.append(joint)
-            elif value != own:
-                changes.setdefault(_describe_change(name, value, own), []).append(joint)
+        for use in self._examine(robot):
+            if use.is_change:
+                changes.setdefault(use.describe(), []).append(use.setting.joint)
+            elif use.obstacle:
+                refused.setdefault((use.kind.name, use.obstacle), []).append(use.setting.joint)
+            elif use.is_unknown:
+                unknown[use.kind.name] = None
         sentences = [f"As the recording's registers say, {text} in {', '.join(its)}." for text, its in changes.items()]
         if unknown:
             sentences.append(
                 f"The recording's registers {join_items(list(unknown))} are not used, because the model does not state "
                 f'those of its own: add <custom><numeric name="{next(iter(unknown))}" data="…"/></custom> to it.'
             )
-        if filtered:
-            sentences.append(
-                f"The recording's register {SPEED} is not used in {', '.join(filtered)}, because the model's servo "
-                "filters its command."
-            )
+        sentences += [
+            f"The recording's register {name} is not used in {', '.join(its)}, because {reason}."
+            for (name, reason), its in refused.items()
+        ]
         if self.changing:
             sentences.append(
                 f"The recording's registers {join_items(self.changing)} differ between episodes and are not used: "
@@ -104,24 +86,87 @@ class ServoRegisters:
         return tuple(sentences)
 
     def select_stated(self, robot: Robot) -> "ServoRegisters":
-        """Return the registers that can be set in a robot's model, because it states its own values."""
-        if not self.values:
-            return ServoRegisters()
-        spec, found = robot.spec(), dict[str, dict[str, float]]()
-        for name, joint, value in self:
-            own = read_stated(spec, robot, name, joint)
-            if own is not None and (value == own or can_set(spec, name, joint)):
-                found.setdefault(name, {})[joint] = value
+        """Return the registers that a robot's model has once they are set; it then states them.
+
+        They are those that it states with these values, and those that change it.
+        """
+        found = dict[str, dict[str, float]]()
+        for use in self._examine(robot):
+            if use.is_stated or use.is_change:
+                found.setdefault(use.kind.name, {})[use.setting.joint] = use.setting.value
         return ServoRegisters(found)
 
-    def __iter__(self) -> Iterator[tuple[str, str, float]]:
-        """Yield register, joint and value."""
-        for name, values in self.values.items():
-            for joint, value in values.items():
-                yield name, joint, value
+    def _examine(self, robot: Robot) -> Iterator["RegisterUse"]:
+        """Yield what each register does in a robot's model."""
+        if not self.values:
+            return
+        spec = robot.spec()
+        fix_derived_values(spec)
+        for kind, joint, value in self:
+            if spec.joint(joint) is not None:
+                yield RegisterUse(kind, make_setting(spec, robot, kind, (joint, value)))
+
+    def __iter__(self) -> Iterator[tuple[RegisterKind, str, float]]:
+        """Yield register, joint and value, in the order in which they change a model."""
+        for name, kind in KINDS.items():
+            for joint, value in self.values.get(name, {}).items():
+                yield kind, joint, value
 
 
 NO_REGISTERS = ServoRegisters()
+
+
+@dataclass(frozen=True)
+class RegisterUse:
+    """What a register of a recording does in a model.
+
+    Attributes:
+        kind: Register.
+        setting: Its value and the model.
+    """
+
+    kind: RegisterKind
+    setting: Setting
+
+    @property
+    def is_stated(self) -> bool:
+        """Whether the model states this value."""
+        return self.setting.own == self.setting.value
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether the register switches off what the model lacks."""
+        change, setting = self.kind.change, self.setting
+        return setting.own is None and change.is_none(setting) and not change.is_in(setting.spec, setting.joint)
+
+    @property
+    def obstacle(self) -> str:
+        """Why the register cannot be set, as the end of a sentence; empty if nothing is to be set, or it can be."""
+        if self.is_stated or self.is_idle:
+            return ""
+        setting, change = self.setting, self.kind.change
+        if setting.own is None and not change.is_relative and change.is_in(setting.spec, setting.joint):
+            return (
+                f"the model has a {self.kind.words} of its own: state the register for which it holds, "
+                f'<custom><numeric name="{self.kind.name}" data="…"/></custom>'
+            )
+        return change.find_obstacle(setting)
+
+    @property
+    def is_unknown(self) -> bool:
+        """Whether the register is relative to one that the model does not state."""
+        return self.kind.change.is_relative and self.setting.own is None and not self.is_idle
+
+    @property
+    def is_change(self) -> bool:
+        """Whether the register changes the model."""
+        return not (self.is_stated or self.is_idle or self.is_unknown or self.obstacle)
+
+    def describe(self) -> str:
+        """Return a phrase for the change."""
+        setting = self.setting
+        own = "" if setting.own is None else f", in the model {setting.own:g}"
+        return f"{self.kind.change.describe(setting)} ({self.kind.name} {setting.value:g}{own})"
 
 
 @dataclass(frozen=True)
@@ -129,7 +174,7 @@ class RegisterEdit:
     """A model edit that sets registers.
 
     Attributes:
-        registers: Registers that the model states.
+        registers: Registers that the model can have.
         robot: Robot of the model before the edit.
     """
 
@@ -138,18 +183,26 @@ class RegisterEdit:
 
     def __call__(self, spec: mujoco.MjSpec) -> None:
         """Edit a model."""
-        for name, joint, value in self.registers:
-            own = read_stated(spec, self.robot, name, joint)
-            if own is not None and value != own:
-                CHANGES[name](spec, joint, value, own)
-            state(spec, name, joint, value)
+        fix_derived_values(spec)
+        for kind, joint, value in self.registers:
+            setting = make_setting(spec, self.robot, kind, (joint, value))
+            if value != setting.own:
+                kind.change.edit(setting)
+            state(spec, kind.name, joint, value)
+
+
+def make_setting(spec: mujoco.MjSpec, robot: Robot, kind: RegisterKind, wanted: tuple[str, float]) -> Setting:
+    """Return a register's value in a joint (`wanted`) together with those for which the model holds."""
+    joint, value = wanted
+    own, limit = (read_stated(spec, robot, name, joint) for name in (kind.name, TORQUE))
+    return Setting(spec, joint, value, own, limit)
 
 
 def read_stated(spec: mujoco.MjSpec, robot: Robot, register: str, joint: str) -> float | None:
     """Return the value of a joint's register for which a model holds; None if neither model nor robot states it.
 
     Raises:
-        ModelFileError: the model states a gain or torque that is not a positive number.
+        ModelFileError: the model states a value that the register cannot have.
     """
     if spec.joint(joint) is None:
         return None
@@ -157,11 +210,10 @@ def read_stated(spec: mujoco.MjSpec, robot: Robot, register: str, joint: str) ->
     number = next((each for each in found if each is not None), None)
     if number is None:
         return dict(robot.registers).get(register)
-    value = float(number.data[0])
-    if not 0 < value < math.inf and register != SPEED:
-        raise ModelFileError(
-            f"{robot.mjcf} gives the numeric '{number.name}' as {value:g}; a {WORDS[register]} is above 0."
-        )
+    value, kind = float(number.data[0]), KINDS[register]
+    if not 0 <= value < math.inf or (kind.is_positive and not value):
+        least = "is above 0" if kind.is_positive else "is at least 0"
+        raise ModelFileError(f"{robot.mjcf} gives the numeric '{number.name}' as {value:g}; a {kind.words} {least}.")
     return value
 
 
@@ -172,59 +224,13 @@ def state(spec: mujoco.MjSpec, register: str, joint: str, value: float) -> None:
     number.data = [value]
 
 
-def can_set(spec: mujoco.MjSpec, register: str, joint: str) -> bool:
-    """Whether a joint's servo can have another value of a register: one that filters commands has no speed limit."""
-    plain = (mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtDyn.mjDYN_PID)
-    return register != SPEED or find_joint_actuator(spec, joint).dyntype in plain
-
-
-def scale_gain(spec: mujoco.MjSpec, joint: str, value: float, own: float) -> None:
-    """Multiply the position gain, which is proportional to its register; damping and limits stay."""
-    find_position_servo(spec, joint, f"The register {GAIN} of the recording", may_integrate=True)
-    scale_stiffness(spec, joint, value / own)
-
-
-def scale_torque(spec: mujoco.MjSpec, joint: str, value: float, own: float) -> None:
-    """Multiply the torque limit, which is proportional to its register."""
-    scale_limit(spec, joint, value / own)
-
-
-def limit_speed(spec: mujoco.MjSpec, joint: str, value: float, own: float) -> None:
-    """Set the speed limit of the servo's goal."""
-    servo = find_position_servo(spec, joint, f"The register {SPEED} of the recording")
-    if servo.dyntype == mujoco.mjtDyn.mjDYN_PID:
-        parameters = servo.dynprm.copy()
-        parameters[1] = 0.0  # of two limits the lower one would hold
-        servo.dynprm = parameters
-        if not servo.gainprm[0]:  # without an integral, nothing is left to remember, which MuJoCo refuses
-            servo.dyntype = mujoco.mjtDyn.mjDYN_NONE
-    if speed := decode_speed(value):
-        SpeedLimit(joint=joint, speed=speed).edit(spec)
-
-
-CHANGES = {GAIN: scale_gain, TORQUE: scale_torque, SPEED: limit_speed}
-
-
-def decode_speed(value: float) -> float:
-    """Return the speed limit [rad/s] of a register value; 0 for none."""
-    return (int(value) & SPEED_BITS) * SPEED_UNIT
-
-
-def _describe_change(register: str, value: float, own: float) -> str:
-    """Return a phrase for a change of a register."""
-    origin = f"({register} {value:g}, in the model {own:g})"
-    if register != SPEED:
-        return f"the {WORDS[register]} is multiplied by {value / own:.3g} {origin}"
-    speed = decode_speed(value)
-    return f"the {WORDS[register]} is {f'limited to {speed:.3g} rad/s' if speed else 'not limited'} {origin}"
-
-
-def _normalise(registers: Mapping[str, Mapping[str, float]], joints: Iterable[str]) -> dict[str, dict[str, float]]:
-    """Return the registers of a control table by their common names; those of a gain or torque of 0 are left out."""
+def _normalise(tables: Mapping[str, Mapping[str, float]], joints: Iterable[str]) -> dict[str, dict[str, float]]:
+    """Return the registers of control tables by their common names; those that are no settings are left out."""
     found: dict[str, dict[str, float]] = {}
     for joint in joints:
-        for register, names in NAMES.items():
-            known = [float(registers[joint][name]) for name in names if name in registers.get(joint, {})]
-            if known and (min(known) > 0 or register == SPEED):
-                found.setdefault(register, {})[joint] = min(known)
+        table = {name: float(value) for name, value in tables.get(joint, {}).items()}
+        for name, kind in KINDS.items():
+            value = kind.read(table)
+            if value is not None and (value > 0 or not kind.is_positive):
+                found.setdefault(name, {})[joint] = value
     return found

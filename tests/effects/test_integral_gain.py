@@ -108,12 +108,16 @@ def test_servos_that_cannot_have_an_integral_are_refused_with_a_sentence(actuato
         spec_of(actuator, "integral_gain:joint=j,gain=1")
 
 
-def test_a_dead_band_and_an_integral_refuse_each_other():
-    band, integral = "deadband:joint=j,half_width=0.02", "integral_gain:joint=j,gain=1"
+@pytest.mark.parametrize(
+    ("goal", "reason"),
+    [("deadband:joint=j,half_width=0.02", "has a dead band"), ("acceleration_limit:joint=j,acceleration=9", "profile")],
+)
+def test_a_goal_joint_and_an_integral_refuse_each_other(goal, reason):
+    integral = "integral_gain:joint=j,gain=1"
     with pytest.raises(ModelFileError, match="integral gain"):
-        spec_of(SERVO, integral, band)
-    with pytest.raises(ModelFileError, match="has a dead band"):
-        add_effects(spec_of(SERVO, band), [parse(integral)])
+        spec_of(SERVO, integral, goal)
+    with pytest.raises(ModelFileError, match=reason):
+        add_effects(spec_of(SERVO, goal), [parse(integral)])
 
 
 @pytest.mark.parametrize("kind", ["hinge", "slide"])

@@ -16,12 +16,15 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import Original, join_registers
 from nas_data.dataset.origin import Origin
 from nas_data.dataset.provenance import Provenance
-from nas_data.effects.base import parse
+from nas_data.effects.base import Effect, add_effects, parse
+from nas_data.effects.edits.servo import read_torque_limit
 from nas_data.errors import ModelFileError
 from nas_data.gap.model_correction import ModelCorrection
 from nas_data.robots.base import FOLDER, Robot, find_robot
+from nas_data.simulators.goal_registers import read_goal_band
 from nas_data.simulators.mujoco import MujocoSimulator
-from nas_data.simulators.servo_registers import SPEED_UNIT, ServoRegisters
+from nas_data.simulators.register_kinds import PROFILE_ACCELERATION, PROFILE_SPEED, SPEED_UNIT, STEEP_STEP, STEP
+from nas_data.simulators.servo_registers import ServoRegisters
 
 PENDULUM = (FOLDER / "pendulum.xml").read_text()
 STATED = """<custom><numeric name="p_gain" data="400"/><numeric name="torque_limit" data="1000"/>
@@ -33,6 +36,29 @@ CHANGED = {
     "torque_limit": ({"torque_limit": 250}, "torque_limit:joint=pendulum,torque=0.1781"),
     "max_torque": ({"max_torque": 250}, "torque_limit:joint=pendulum,torque=0.1781"),
     "moving_speed": ({"moving_speed": 100}, f"speed_limit:joint=pendulum,speed={100 * SPEED_UNIT}"),
+}
+# Registers in SI, of which the model states nothing.
+ABSOLUTE = {
+    "Goal_Velocity": ({"Goal_Velocity": 700}, f"speed_limit:joint=pendulum,speed={700 * STEP}"),
+    "Profile_Velocity": ({"Profile_Velocity": 40}, f"speed_limit:joint=pendulum,speed={40 * PROFILE_SPEED}"),
+    "Acceleration": (
+        {"Acceleration": 20, "Maximum_Acceleration": 254},
+        f"acceleration_limit:joint=pendulum,acceleration={20 * STEEP_STEP}",
+    ),
+    "Maximum_Acceleration": (
+        {"Acceleration": 254, "Maximum_Acceleration": 20},
+        f"acceleration_limit:joint=pendulum,acceleration={20 * STEEP_STEP}",
+    ),
+    "Profile_Acceleration": (
+        {"Profile_Velocity": 2000, "Profile_Acceleration": 8},  # a speed above 30 rad/s is no limit
+        f"acceleration_limit:joint=pendulum,acceleration={8 * PROFILE_ACCELERATION}",
+    ),
+    "CW_Dead_Zone": (
+        {"CW_Dead_Zone": 32, "CCW_Dead_Zone": 20},
+        f"deadband:joint=pendulum,half_width={32 * STEP}",
+    ),
+    "punch": ({"punch": 400}, f"start_torque:joint=pendulum,torque={400 / 1023 * 0.7124}"),
+    "Minimum_Startup_Force": ({"Minimum_Startup_Force": 400}, "start_torque:joint=pendulum,torque=0.28496"),
 }
 
 
@@ -67,6 +93,12 @@ def source_error(model: Path, dataset: Dataset) -> float:
     return found.open_loop["source"].overall
 
 
+def positions(robot: Robot, *effects: Effect) -> np.ndarray:
+    """Return where a pendulum is [rad] in two episodes."""
+    commands = np.stack(wander([100, 100]))
+    return MujocoSimulator(robot, 0.02, effects=effects, threads=1).rollout(np.zeros((2, 2)), commands)[..., 0]
+
+
 def compiled(robot: Robot) -> mujoco.MjModel:
     return robot.spec().compile()
 
@@ -76,6 +108,14 @@ def test_each_register_moves_the_model_as_it_moves_the_arm(registers, effect, ar
     dataset = recording(effect)
     assert source_error(arm, told(dataset, FULL)) > 0.02
     assert source_error(arm, told(dataset, FULL | registers)) < 1e-4
+
+
+@pytest.mark.parametrize(("registers", "effect"), ABSOLUTE.values(), ids=ABSOLUTE)
+def test_a_register_in_si_needs_no_statement_of_the_model(registers, effect):
+    plain = find_robot("pendulum")
+    changed = positions(plain, parse(effect))
+    assert np.abs(positions(plain) - changed).max() > 0.03
+    assert positions(read(registers).set_in(plain)) == pytest.approx(changed, abs=1e-9)
 
 
 def test_a_known_gain_is_not_named_and_an_unknown_one_is(arm, tmp_path):
@@ -115,6 +155,162 @@ def test_registers_are_set_once(arm):
     assert model.actuator_dynprm[0, 1] == 0  # no slew rate
 
 
+EVERYTHING = {
+    "p_gain": 200, "torque_limit": 500, "Goal_Velocity": 700, "Acceleration": 20, "CW_Dead_Zone": 32,
+    "CCW_Dead_Zone": 32, "Minimum_Startup_Force": 200,
+}  # fmt: skip
+MILD = EVERYTHING | {"Acceleration": 254, "CW_Dead_Zone": 2, "CCW_Dead_Zone": 1, "Minimum_Startup_Force": 100}
+
+
+def test_all_registers_together_are_set_once_and_replaced_by_others(arm):
+    once = read(EVERYTHING).set_in(find_robot(arm))
+    assert read(EVERYTHING).set_in(once).spec().to_xml() == once.spec().to_xml()
+    assert read(EVERYTHING).describe(once) == ()
+    changed, direct = read(MILD).set_in(once), read(MILD).set_in(find_robot(arm))
+    assert read_goal_band(changed.spec(), "pendulum") == pytest.approx(read_goal_band(direct.spec(), "pendulum"))
+    assert positions(changed) == pytest.approx(positions(direct), abs=1e-6)
+    assert np.abs(positions(changed) - positions(once)).max() > 0.05
+
+
+def test_registers_that_are_switched_off_leave_no_dead_zone_and_no_least_output(arm):
+    once = read(EVERYTHING).set_in(find_robot(arm))
+    off = read(EVERYTHING | {"CW_Dead_Zone": 0, "CCW_Dead_Zone": 0, "Minimum_Startup_Force": 0}).set_in(once)
+    assert read_goal_band(off.spec(), "pendulum") == (0.0, 0.0)
+    assert off.spec().actuator("pendulum_start_torque") is None
+
+
+def test_the_least_output_is_a_share_of_the_full_torque(arm):
+    """At a quarter of the torque the limit falls, and the punch does not."""
+    robot = read(FULL | {"torque_limit": 250, "punch": 100}).set_in(find_robot(arm))
+    assert read_goal_band(robot.spec(), "pendulum")[1] == pytest.approx(100 / 1000 * 0.7124)
+    assert read_torque_limit(robot.spec(), "pendulum") == pytest.approx(0.1781)
+
+
+def test_what_a_model_has_without_a_statement_is_left_alone(tmp_path):
+    path = tmp_path / "own.xml"
+    spec = mujoco.MjSpec.from_string(PENDULUM)
+    own = ("speed_limit:joint=pendulum,speed=2", "acceleration_limit:joint=pendulum,acceleration=9",
+           "deadband:joint=pendulum,half_width=0.01", "start_torque:joint=pendulum,torque=0.1")  # fmt: skip
+    add_effects(spec, map(parse, own))
+    path.write_text(spec.to_xml())
+    registers = read({"Goal_Velocity": 700, "Acceleration": 20, "CW_Dead_Zone": 32, "Minimum_Startup_Force": 400})
+    robot = find_robot(path)
+    assert registers.set_in(robot) is robot
+    sentences = registers.describe(robot)
+    assert len(sentences) == 4
+    assert all("of its own: state the register for which it holds" in sentence for sentence in sentences)
+
+
+def test_a_robots_own_punch_changes_nothing_and_another_one_does():
+    robot = find_robot("ergojr")
+    names = robot.joints
+    default = ServoRegisters({"punch": dict.fromkeys(names, 32.0)})
+    assert compiled(default.set_in(robot)).nu == compiled(robot).nu == 6
+    assert default.describe(robot) == ()
+    raised = ServoRegisters({"punch": {**dict.fromkeys(names, 32.0), "m2": 153.0}}).set_in(robot)
+    assert read_goal_band(raised.spec(), "m2")[1] == pytest.approx(153 / 1023 * 0.2079)
+    assert read_goal_band(raised.spec(), "m3") == (0.0, 0.0)
+
+
+SERVO = '<position name="pendulum" joint="pendulum" kp="0.8198" forcerange="-0.7124 0.7124"/>'
+PID = '<pid name="pendulum" joint="pendulum" kp="0.8" ki="1.5" imax="0.4" kv="0.1" forcerange="-0.7 0.7"/>'
+GAINS = '<custom><numeric name="d_gain" data="32"/><numeric name="i_gain" data="4"/></custom>'
+
+
+def with_servo(folder: Path, servo: str, stated: str = GAINS) -> Robot:
+    """Return the pendulum with another servo that states its own gains."""
+    assert SERVO in PENDULUM
+    path = folder / "servo.xml"
+    path.write_text(PENDULUM.replace(SERVO, servo).replace("<actuator>", f"{stated}<actuator>"))
+    return find_robot(path)
+
+
+@pytest.mark.parametrize("names", [("d_gain", "i_gain"), ("D_Coefficient", "I_Coefficient"),
+                                   ("Position_D_Gain", "Position_I_Gain")])  # fmt: skip
+def test_derivative_and_integral_gain_are_multiples_of_the_models_own(names, tmp_path):
+    robot = with_servo(tmp_path, PID)
+    plain, model = compiled(robot), compiled(read(dict(zip(names, (16, 8), strict=True))).set_in(robot))
+    assert model.actuator_biasprm[0, 1:3] == pytest.approx(plain.actuator_biasprm[0, 1:3] * [1, 0.5])
+    assert model.actuator_gainprm[0, 0] == pytest.approx(2 * plain.actuator_gainprm[0, 0])
+    bounds = [each.actuator_gainprm[0, 0] * each.actuator_dynprm[0, 0] for each in (model, plain)]
+    assert bounds[0] == pytest.approx(bounds[1])
+
+
+def test_gains_of_zero_switch_off_derivative_and_integral_part(tmp_path):
+    robot = with_servo(tmp_path, PID)
+    model = compiled(read({"d_gain": 0, "i_gain": 0}).set_in(robot))
+    assert model.actuator_biasprm[0, 2] == model.actuator_gainprm[0, 0] == model.na == 0
+
+
+def test_a_damping_ratio_is_a_derivative_gain_as_well(tmp_path):
+    robot = with_servo(tmp_path, SERVO.replace("/>", ' dampratio="0.5"/>'))
+    plain, model = compiled(robot), compiled(read({"d_gain": 16}).set_in(robot))
+    assert plain.actuator_biasprm[0, 2] < 0
+    assert model.actuator_biasprm[0, 2] == pytest.approx(0.5 * plain.actuator_biasprm[0, 2])
+
+
+ZERO = GAINS.replace('"32"', '"0"').replace('"4"', '"0"')
+UNUSED = {
+    "no feedback": (SERVO, GAINS, {"d_gain": 16}, "servo has no velocity feedback"),
+    "no integral": (SERVO, GAINS, {"i_gain": 8}, "servo has no integral gain"),
+    "D of zero": (PID, ZERO, {"d_gain": 16}, "states 0, which has no multiples"),
+    "I of zero": (PID, ZERO, {"i_gain": 8}, "states 0, which has no multiples"),
+    "D unknown": (PID, "", {"d_gain": 0}, "registers d_gain are not used, because the model does not state"),
+    "I unknown": (PID, "", {"i_gain": 0}, "registers i_gain are not used, because the model does not state"),
+    "integral": (PID, "", {"Acceleration": 20}, "servo has an integral gain"),
+    "torque": (SERVO.replace('forcerange="-0.7124 0.7124"', ""), "", {"punch": 64}, "no torque limit, of which"),
+    "motor": ('<motor joint="pendulum"/>', "", {"Goal_Velocity": 64}, "actuator is no position servo"),
+    "time": (SERVO, "", {"Profile_Velocity": 64, "Drive_Mode": 4}, "based on time"),
+}
+
+
+@pytest.mark.parametrize(("servo", "stated", "registers", "reason"), UNUSED.values(), ids=UNUSED)
+def test_what_cannot_be_used_changes_nothing_and_is_said(servo, stated, registers, reason, tmp_path):
+    robot = with_servo(tmp_path, servo, stated)
+    assert read(registers).set_in(robot) is robot
+    (sentence,) = read(registers).describe(robot)
+    assert reason in sentence
+
+
+def test_registers_that_switch_off_what_a_model_lacks_are_not_mentioned(tmp_path):
+    robot = with_servo(tmp_path, SERVO, "")
+    off = {"d_gain": 0, "i_gain": 0, "moving_speed": 0, "punch": 0, "Acceleration": 0, "CW_Dead_Zone": 0}
+    assert read(off).set_in(robot) is robot
+    assert read(off).describe(robot) == ()
+
+
+SPEEDS = {
+    "no profile": (
+        {"Profile_Velocity": 0, "Profile_Acceleration": 9},
+        {"profile_velocity": 0, "profile_acceleration": 0},
+    ),
+    "profile": ({"Profile_Velocity": 5, "Profile_Acceleration": 9}, {"profile_velocity": 5, "profile_acceleration": 9}),
+    "by time": ({"Profile_Velocity": 5, "Profile_Acceleration": 9, "Drive_Mode": 5}, {"profile_time": 5}),
+    "speed mode's goal": ({"Profile_Velocity": 0, "Goal_Velocity": 77}, {"profile_velocity": 0}),
+    "backwards": ({"Goal_Velocity": -77}, {"goal_velocity": 77}),
+    "older name": ({"Goal_Speed": 77}, {"goal_velocity": 77}),
+    "no acceleration": ({"Acceleration": 0, "Maximum_Acceleration": 50}, {"goal_acceleration": 0}),
+}
+
+
+@pytest.mark.parametrize(("table", "expected"), SPEEDS.values(), ids=SPEEDS)
+def test_profiles_are_read_as_the_servos_use_them(table, expected):
+    assert {name: values["pendulum"] for name, values in read(table).values.items()} == expected
+
+
+def test_the_highest_acceleration_is_a_limit(tmp_path):
+    robot = read({"Acceleration": 254}).set_in(with_servo(tmp_path, SERVO, ""))
+    goal = robot.spec().joint("pendulum_deadband_goal")
+    assert goal.actfrcrange[1] / goal.armature == pytest.approx(25_400 * STEP)  # 39 rad/s²
+
+
+def test_a_slide_gets_no_speed_of_its_servo(tmp_path):
+    path = tmp_path / "slide.xml"
+    path.write_text(PENDULUM.replace('type="hinge"', 'type="slide"'))
+    (sentence,) = read({"Goal_Velocity": 64}).describe(find_robot(path))
+    assert "travel of a slide" in sentence
+
+
 def test_a_model_that_states_nothing_stays_and_says_what_to_add(tmp_path):
     path = tmp_path / "silent.xml"
     path.write_text(PENDULUM)
@@ -152,7 +348,7 @@ def test_lerobots_names_are_known(name, value):
 
 
 def test_what_is_no_setting_of_a_moving_servo_is_left_out():
-    assert read({"p_gain": 0, "torque_limit": 0, "id": 3, "punch": 32}).values == {}
+    assert read({"p_gain": 0, "torque_limit": 0, "id": 3, "return_delay": 32}).values == {}
 
 
 def test_merged_recordings_keep_their_registers():

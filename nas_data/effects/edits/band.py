@@ -59,6 +59,21 @@ def add_start_torque(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator,
     set_band(spec, joint, half_width, max(torque, present))
 
 
+def replace_band(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator, band: tuple[float, float]) -> None:
+    """Set a servo's dead band [rad] and start torque [N·m] in place of those that it has; 0 for none.
+
+    Raises:
+        ModelFileError: the model uses one of the names for another element, or the servo has an integral gain.
+    """
+    if spec.actuator(joint + GAIN) is None and any(band):
+        insert_goal(spec, joint, servo)
+    for part in (BAND, START, START_BAND):
+        if (actuator := spec.actuator(joint + part)) is not None:
+            spec.delete(actuator)
+    if any(band):
+        set_band(spec, joint, *band)
+
+
 def set_band(spec: mujoco.MjSpec, joint: str, half_width: float, torque: float) -> None:
     """Set a servo's dead band [rad] and start torque [N·m]; the servo has a goal joint.
 

@@ -37,7 +37,7 @@ def add_passive(
         setattr(actuator, field, mujoco.mjtLimited.mjLIMITED_FALSE)
     actuator.gear = [1.0, *np.zeros(5)]
     actuator.forcerange = actuator.ctrlrange = actuator.actrange = np.zeros(2)
-    actuator.delay = actuator.armature = 0.0
+    actuator.delay = actuator.armature = actuator.inheritrange = 0.0
     actuator.nsample, actuator.damping = 0, np.zeros(3)
     return actuator
 
