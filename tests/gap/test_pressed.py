@@ -184,5 +184,7 @@ def test_a_name_is_kept_where_a_better_plain_fit_confirms_it(tmp_path: Path):
     assert naming.final.factors == {"m1.gain": 1.0}
     assert error(given, found.written) == pytest.approx(error(given, as_found.plain), rel=1e-6)
     assert flags(tmp_path) == {"servo_stiffness": True}
-    nothing = replace(names, plain=FinalFit((), {"m2.gain": 0.9, "m1.gain": 1.0}, ()), plain_description=Description((), freed))
+    nothing = replace(
+        names, plain=FinalFit((), {"m2.gain": 0.9, "m1.gain": 1.0}, ()), plain_description=Description((), freed)
+    )
     assert keep_confirmed_names(Delivery(given, nothing, tmp_path, as_found)) is None

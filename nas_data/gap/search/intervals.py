@@ -27,8 +27,8 @@ def compute_intervals(
 
     Squares of half-widths are added: from the curvature of the loss with the base parameters free, from the variance
     between recorded episodes (clustered sandwich estimator with Student's t; Liang and Zeger, 1986), and from small
-    differences between two formulations of an effect. The interval is the union of those around this fit's value and the
-    values of freer fits, without shared values and with optional parameters. An effect that adds to a quantity of the
+    differences between two formulations of an effect. The interval is the union of those around the values of this fit
+    and of freer fits, without shared values and with optional parameters. An effect that adds to a quantity of the
     model, such as damping, is uncertain by at least the tolerance of that quantity.
 
     Args:
