@@ -128,15 +128,15 @@ def change_so101_recordings(recordings: Path, out: Path) -> Iterator[Change]:
     for joint, size in ((joint, size) for size in range(len(SAMPLES)) for joint in dataset.joints):
         samples, angle = SAMPLES[size], float(np.radians(DEGREES[size]))
         for name, changed, truth in (
-            (f"{joint}: commands {samples} samples late", make_late(dataset, joint, samples),
+            (f"SO-101, commands of {joint} {samples} samples late", make_late(dataset, joint, samples),
              make_effect("command_delay", joint, {"delay": samples / dataset.fps})),
-            (f"{joint}: reads {DEGREES[size]:g}° more", shift_readings(dataset, joint, angle),
+            (f"SO-101, readings of {joint} {DEGREES[size]:g}° larger", shift_readings(dataset, joint, angle),
              make_effect("joint_offset", joint, {"offset": angle})),
         ):  # fmt: skip
-            target = data / name.replace(": ", "_").replace(" ", "_").replace("°", "deg")
+            target = data / name.replace(",", "").replace(" ", "_").replace("°", "deg")
             if not target.exists():
                 write(changed, target, provenance)
-            yield Change(f"SO-101, {name}", target, base / MODEL, truth)
+            yield Change(name, target, base / MODEL, truth)
 
 
 def make_late(dataset: Dataset, joint: str, samples: int) -> Dataset:

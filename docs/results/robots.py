@@ -5,11 +5,12 @@ Run `python docs/results/robots.py`. With options it first adds a run of `nas ga
 
 import math
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import tyro
-from pages import HERE, markdown_table, number, read_table, render, write_page, write_table
+from pages import HERE, Row, markdown_table, number, read_table, render, write_page, write_table
 
 GIVEN = {"5.7", "0.66", "3.2", "0.94", "1.06"}  # [°] fits by hand; [s] pieces of a recording; ± 6 % of a plain fit
 ROBOTS = {  # name in the table: on the page
@@ -20,6 +21,13 @@ ROBOTS = {  # name in the table: on the page
     "sage_so101": "SO-101",
 }
 METHODS = ("given model", "plain fit", "names", "names / plain fit")
+CHANGES = {  # beginning of the names of known changes: on the page
+    "XL330": "XL330: position gain, one register to another of 100, 200, 400 and 800",
+    "double pendulum": "double pendulum: mass of the last link in the model",
+    "SO-101, commands": "SO-101: commands of a joint 1, 2 or 3 samples late",
+    "SO-101, readings": "SO-101: readings of a joint 1°, 2° or 4° larger",
+}
+NEAR = 0.15  # largest relative error of the size of a known change
 HELD_OUT, KEPT = "held-out episodes", "kept back"
 
 
@@ -28,6 +36,7 @@ class Robots:
 
     def __init__(self, folder: Path) -> None:
         self._rows = read_table(folder / "robots.csv")
+        self._changes = read_table(folder / "known_changes.csv")
         self._errors: dict[tuple[str, str, str], list[float]] = {}  # [°] by experiment, robot and method
         for row in self._rows:
             key = row["experiment"], row["robot"], row["method"]
@@ -81,9 +90,45 @@ class Robots:
         """Return the largest of these."""
         return number(max(self._ratios()), 2)
 
+    def changes_table(self) -> str:
+        """Return the table of known changes by kind."""
+        kinds = {kind: [row for row in self._changes if row["change"].startswith(kind)] for kind in CHANGES}
+        rows = [[words, *count_changes(kinds[kind])] for kind, words in CHANGES.items() if kinds[kind]]
+        return markdown_table(["change", "made", "named", "size within 15 %", "interval holds the size"], rows)
+
+    def missed_table(self) -> str:
+        """Return the table of changes that were not named, or with another size."""
+        rows = []
+        for row in self._changes:
+            if not is_near(row):
+                found = number(float(row["found"]), 3) if row["found"] else "–"
+                rows.append([row["change"], number(float(row["size"]), 3), found, row["confidence"] or "–"])
+        return markdown_table(["change", "true", "found", "confidence"], rows)
+
+    def changes_right(self) -> str:
+        """Return the number of changes named with a size within 15 %, of all."""
+        return f"{sum(map(is_near, self._changes))} of {len(self._changes)}"
+
+    def changes_commit(self) -> str:
+        """Return the commit that made the table of known changes."""
+        (commit,) = {row["commit"] for row in self._changes}
+        return f"`{commit}`"
+
     def most_sure(self) -> str:
         """Return the largest confidence of a name."""
         return number(max(float(row["confidence"]) for row in self._rows if row["confidence"]), 2)
+
+
+def is_near(row: Row) -> bool:
+    """Whether a known change is named with a size within 15 %."""
+    return bool(row["found"]) and abs(float(row["found"]) / float(row["size"]) - 1) <= NEAR
+
+
+def count_changes(rows: Sequence[Row]) -> list[str]:
+    """Return the numbers of changes: made, named, with a size within 15 %, with an interval that holds the size."""
+    named = [row for row in rows if row["found"]]
+    held = [row for row in named if float(row["low"]) <= float(row["size"]) <= float(row["high"])]
+    return [str(len(part)) for part in (rows, named, list(filter(is_near, rows)), held)]
 
 
 def degrees(error: float | None) -> str:

@@ -25,6 +25,7 @@ TOLERANCE = 0.06  # standard deviation σ of a base parameter's logarithm
 MORE_FRICTION = 0.02  # σ for friction above the model's, which is an effect
 MAX_LOG_CHANGE = float(np.log(1.25))  # bound; a larger change is a missing effect
 FREE_DEVIATION = 2.0  # σ of a freed parameter; published gains of one servo differ by a factor of 6
+HIGHER_LIMIT = 0.3  # σ of a freed torque limit above the model's: a rating, which also says how large all torques are
 LARGEST_IMPEDANCE = 0.9999  # the largest that MuJoCo accepts
 FIRM = ".solimpfriction"  # end of the name of a factor on the impedance of a joint's friction, which no fit changes
 FREE_LOG_CHANGE = float(np.log(1000.0))  # bound of a freed parameter
@@ -59,7 +60,7 @@ class NominalParameter:
     def deviation(self, logarithm: float) -> float:
         """Return the prior's standard deviation of its logarithm, on the side of a value."""
         if self.is_free:
-            return FREE_DEVIATION
+            return HIGHER_LIMIT if self.kind == "limit" and logarithm > 0 else FREE_DEVIATION
         return MORE_FRICTION if self.kind == "frictionloss" and logarithm > 0 else TOLERANCE
 
     @property
