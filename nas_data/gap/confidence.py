@@ -11,7 +11,7 @@ from nas_data.gap.search.search import Search
 
 SHARPNESS = 4.0  # exponent of a rival's error ratio in its closeness
 REDRAWS = 400  # random draws of the episodes, with replacement
-UNSURE_FLOORS = 2.0  # noise floors of a name's own joints above which its confidence falls
+UNSURE_FLOORS = 2.0  # noise floors of a name's own joints above which its confidence may fall
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,16 +22,18 @@ class Support:
         closest_rival: Closeness of the nearest rival: 1 if it predicts as well in every joint, 0 if much worse.
         chosen: Share of random draws of the episodes in which the score is lower with the name than without it.
         rest: Largest held-out error of its joints with it [noise floors].
+        left: Held-out error of its joints with it over that without it, everything else fitted again.
     """
 
     closest_rival: float
     chosen: float
     rest: float
+    left: float
 
     @property
     def confidence(self) -> float:
         """Probability that the name is right; docs/concepts/confidence.md explains the formula."""
-        explained = math.sqrt(UNSURE_FLOORS / max(self.rest, UNSURE_FLOORS))
+        explained = max(math.sqrt(UNSURE_FLOORS / max(self.rest, UNSURE_FLOORS)), 1 - self.left)
         return round((1 - 0.5 * self.closest_rival) * self.chosen * explained, 3)
 
 
@@ -47,10 +49,12 @@ def measure_support(
         rivals: Hypotheses with another effect in its place.
         joints: Indices of the joints that judge the name.
     """
+    own = list(joints)
     return Support(
         closest_rival=max(compute_closeness(search, kept, other) for other in [*rivals, without]),
         chosen=compute_chosen_share(search, kept, without),
-        rest=float(search.floor_ratios(kept)[list(joints)].max()),
+        rest=float(search.floor_ratios(kept)[own].max()),
+        left=float(np.sqrt(kept.heldout[:, own].mean() / without.heldout[:, own].mean())),
     )
 
 

@@ -19,6 +19,7 @@ GAIN, TORQUE = "p_gain", "torque_limit"
 SPEED_UNIT = VELOCITY_QUANTUM  # [rad/s] of the register moving_speed; XL-320 e-manual
 STEP = 2 * math.pi / 4096  # [rad] of the STS3215's positions, speeds and dead zones; Feetech's memory table
 STEEP_STEP = 100 * STEP  # [rad/s²] of the STS3215's acceleration; Feetech's memory table
+HIGHEST_ACCELERATION = 254  # register of the STS3215
 PROFILE_SPEED = 0.229 * 2 * math.pi / 60  # [rad/s], X series e-manual, Profile Velocity(112)
 PROFILE_ACCELERATION = 214.577 * 2 * math.pi / 60**2  # [rad/s²], X series e-manual, Profile Acceleration(108)
 TEN_BITS, FIFTEEN_BITS, ALL_BITS = 2**10 - 1, 2**15 - 1, 2**32 - 1  # without direction; directions are sign bits
@@ -67,12 +68,15 @@ def read_goal_velocity(table: Table) -> float | None:
 def read_acceleration(table: Table) -> float | None:
     """Return the acceleration of an STS3215's goal, at most the largest one.
 
-    At 0 the servo uses its largest acceleration times an undocumented factor (register 86); that is taken for none.
+    At 0 the servo uses its largest acceleration times an undocumented factor (register 86); that is taken for none. So
+    is the highest setting, which LeRobot makes: 39 rad/s² of the goal would make a real SO-101 late after steps, which
+    it is not.
     """
-    if not table.get("Acceleration"):
-        return table.get("Acceleration")
+    if "Acceleration" not in table:
+        return None
     limits = (table["Acceleration"], table.get("Maximum_Acceleration", 0.0))
-    return min(limit for limit in limits if limit)
+    least = min((limit for limit in limits if limit), default=0.0)
+    return least if table["Acceleration"] and least < HIGHEST_ACCELERATION else 0.0
 
 
 def read_profile(name: str, is_time_based: bool = False) -> Reader:

@@ -30,10 +30,16 @@ WITHOUT = make_hypothesis(repeat(9, 1), repeat(9, 1), 0.0)
 
 
 def test_each_doubt_lowers_the_confidence():
-    assert Support(closest_rival=0.0, chosen=1.0, rest=2.0).confidence == 1.0
-    assert Support(closest_rival=1.0, chosen=1.0, rest=1.0).confidence == 0.5
-    assert Support(closest_rival=0.0, chosen=0.6, rest=1.0).confidence == 0.6
-    assert Support(closest_rival=0.0, chosen=1.0, rest=8.0).confidence == 0.5
+    assert Support(closest_rival=0.0, chosen=1.0, rest=2.0, left=0.9).confidence == 1.0
+    assert Support(closest_rival=1.0, chosen=1.0, rest=1.0, left=0.9).confidence == 0.5
+    assert Support(closest_rival=0.0, chosen=0.6, rest=1.0, left=0.9).confidence == 0.6
+    assert Support(closest_rival=0.0, chosen=1.0, rest=8.0, left=0.9).confidence == 0.5
+
+
+def test_what_remains_matters_less_the_more_a_name_explains():
+    shares = (1.2, 0.9, 0.4, 0.1)
+    sure = [Support(closest_rival=0.0, chosen=1.0, rest=32.0, left=left).confidence for left in shares]
+    assert sure == [0.25, 0.25, 0.6, 0.9]
 
 
 def test_a_name_that_helps_in_every_episode_is_always_chosen():

@@ -159,7 +159,7 @@ EVERYTHING = {
     "p_gain": 200, "torque_limit": 500, "Goal_Velocity": 700, "Acceleration": 20, "CW_Dead_Zone": 32,
     "CCW_Dead_Zone": 32, "Minimum_Startup_Force": 200,
 }  # fmt: skip
-MILD = EVERYTHING | {"Acceleration": 254, "CW_Dead_Zone": 2, "CCW_Dead_Zone": 1, "Minimum_Startup_Force": 100}
+MILD = EVERYTHING | {"Acceleration": 253, "CW_Dead_Zone": 2, "CCW_Dead_Zone": 1, "Minimum_Startup_Force": 100}
 
 
 def test_all_registers_together_are_set_once_and_replaced_by_others(arm):
@@ -298,10 +298,11 @@ def test_profiles_are_read_as_the_servos_use_them(table, expected):
     assert {name: values["pendulum"] for name, values in read(table).values.items()} == expected
 
 
-def test_the_highest_acceleration_is_a_limit(tmp_path):
-    robot = read({"Acceleration": 254}).set_in(with_servo(tmp_path, SERVO, ""))
-    goal = robot.spec().joint("pendulum_deadband_goal")
-    assert goal.actfrcrange[1] / goal.armature == pytest.approx(25_400 * STEP)  # 39 rad/s²
+def test_the_highest_acceleration_is_no_limit_and_the_next_is_one(tmp_path):
+    given = with_servo(tmp_path, SERVO, "")
+    assert read({"Acceleration": 254, "Maximum_Acceleration": 254}).set_in(given) is given
+    goal = read({"Acceleration": 253}).set_in(given).spec().joint("pendulum_deadband_goal")
+    assert goal.actfrcrange[1] / goal.armature == pytest.approx(25_300 * STEP)  # 39 rad/s²
 
 
 def test_a_slide_gets_no_speed_of_its_servo(tmp_path):

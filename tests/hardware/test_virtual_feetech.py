@@ -97,7 +97,7 @@ def test_an_answer_carries_the_status_and_takes_its_time(chain):
         ({"acceleration": 10, "goal_speed": 100}, {"acceleration": 10 * ACCELERATION_UNIT, "speed": 100 * TICK}),
         ({"acceleration": 0}, {"acceleration": np.inf, "speed": np.inf}),
         ({"acceleration": 254}, {"acceleration": 50 * ACCELERATION_UNIT}),
-        ({"acceleration": 254, "maximum_acceleration": 254}, {"acceleration": 254 * ACCELERATION_UNIT}),
+        ({"acceleration": 254, "maximum_acceleration": 254}, {"acceleration": np.inf}),
         ({"torque_limit": 500, "cw_dead_zone": 5}, {"strength": 0.5, "deadband": 5 * TICK}),
         ({"torque_enable": 1, "hardware_error": 32}, {"powered": True, "strength": 0.2}),
         ({"torque_enable": 1, "hardware_error": 4}, {"powered": False}),

@@ -32,7 +32,6 @@ from nas_data.recorders.arm_dataset import LATE, LOAD, TEMPERATURE, VOLTAGE
 from nas_data.recorders.lerobot_arm import LeRobotDriver
 from nas_data.robots.so101_follower import QUANTUM
 from nas_data.simulators.mujoco import MujocoSimulator
-from nas_data.simulators.servo_registers import ServoRegisters
 
 SO101 = ("--robot.type", "so101_follower", "--port", "virtual", "--lockstep")
 RUBBING = ("--episodes", "2", "--seconds", "1.2", "--effect", "coulomb_friction:joint=shoulder_lift,torque=0.4")
@@ -120,22 +119,18 @@ def test_degrees_and_shares_of_the_range_give_the_same_recording(recording):
     assert all(np.array_equal(one[key], other[key]) for key in (STATE, ACTION, NEXT_STATE))
 
 
-def test_the_virtual_arm_moves_as_its_model_does_with_its_registers_and_the_effect_that_it_was_given(recording):
+def test_the_virtual_arm_moves_as_its_model_does_with_the_effect_that_it_was_given(recording):
     dataset = read(recording)
-    registers = ServoRegisters.read(read_provenance(recording), ROBOT.joints)
-    assert set(registers.values["goal_acceleration"].values()) == {254}
-    ramped = registers.set_in(ROBOT)
     commands = dataset.commands.reshape(2, 60, 6).astype(float)
     first = dataset.states.reshape(2, 60, 12)[:, 0].astype(float)
     measured = dataset.next_states.reshape(2, 60, 12)[..., :6]
-    rubbing, found = [make_effect("coulomb_friction", "shoulder_lift", {"torque": 0.4})], []
-    for robot, effects in ((ROBOT, rubbing), (ramped, []), (ramped, rubbing)):
-        simulated = MujocoSimulator(robot, PERIOD, effects=effects, threads=1).rollout(first, commands)[..., :6]
+    found = []
+    for effects in ([], [make_effect("coulomb_friction", "shoulder_lift", {"torque": 0.4})]):
+        simulated = MujocoSimulator(ROBOT, PERIOD, effects=effects, threads=1).rollout(first, commands)[..., :6]
         found.append(np.sqrt(np.square(simulated - measured).mean(axis=(0, 1))))
-    unknown, without, given = found
-    assert given.max() < 20 * QUANTUM  # the goal of an arm that sags begins at the command, which is not measured
+    without, given = found
+    assert given.max() < 6 * QUANTUM
     assert without[1] > 3 * given[1]
-    assert (unknown > 2 * given).all()
 
 
 def test_a_koch_arm_runs_on_the_dynamixel_bus():

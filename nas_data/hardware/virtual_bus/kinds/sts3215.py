@@ -1,8 +1,8 @@
 """Feetech STS3215 (7.4 V), the servo of the SO-100 and SO-101.
 
 Sources: Feetech, memory table of the STS series, as in LeRobot's `motors/feetech/tables.py`, and the data sheet of the
-STS3215-C001. The integral gain and the minimum start force are not documented in detail and have no effect. An
-acceleration of 0 is simulated as unlimited.
+STS3215-C001. The integral gain and the minimum start force are not documented in detail and have no effect.
+Accelerations of 0 and of 254, the highest, are simulated as unlimited.
 """
 
 import math
@@ -29,6 +29,7 @@ TURN = 4096  # units of position in a turn
 TICK = 2 * math.pi / TURN  # [rad]
 GAIN = 16  # P register at which the stiffness equals the model's; LeRobot's setting
 ACCELERATION_UNIT = 100 * TICK  # [rad/s²]
+FASTEST = 254  # acceleration register that is simulated as unlimited
 CURRENT_UNIT, PROTECTION_UNIT = 0.0065, 0.01  # [A], [s]
 THOUSAND, HUNDRED = 1000, 100  # register values of full torque or load, and of full protection torque
 RAM, FACTORY = 40, 80  # registers from RAM up to FACTORY are volatile
@@ -143,7 +144,7 @@ class Sts3215(ServoSeries):
             powered=servo.get("torque_enable") == 1 and not unloaded & ~self.bits[Reason.OVERLOAD],
             goal=min(max(goal, low), high) + decode_sign_magnitude(servo.get("homing_offset"), OFFSET_SIGN),
             speed=abs(speed) * TICK if speed else math.inf,
-            acceleration=acceleration * ACCELERATION_UNIT if acceleration else math.inf,
+            acceleration=acceleration * ACCELERATION_UNIT if 0 < acceleration < FASTEST else math.inf,
             stiffness=servo.get("p_gain") / GAIN,
             strength=strength,
             deadband=max(servo.get("cw_dead_zone"), servo.get("ccw_dead_zone")) * TICK,
