@@ -69,23 +69,6 @@ class So101:
         values = [float(row["value"]) for row in self._found("so101") if row["effect"] == "unexplained"]
         return f"{min(values):.0f} to {max(values):.0f}"
 
-    def change(self, recordings: str, effect: str, joint: str, factor: float, digits: int, unit: str) -> str:
-        """Return what was found of a change: value and interval, times a factor."""
-        row = self._change(recordings, effect, joint)
-        value, low, high = (number(factor * float(row[key]), digits) for key in ("value", "low", "high"))
-        return f"{value} {unit} [{low}, {high}]"
-
-    def change_row(self, recordings: str, effect: str, joint: str, true: float) -> str:
-        """Return by how much a change was missed, its confidence, and the held-out error before and after."""
-        row = self._change(recordings, effect, joint)
-        before, after = (f"{np.degrees(float(row[key])):.2f}°" for key in ("before", "after"))
-        off = abs(float(row["value"]) / true - 1)
-        return f"{100 * off:.0f} % | {number(float(row['confidence']), 2)} | {before} → {after}"
-
-    def _change(self, recordings: str, effect: str, joint: str) -> Row:
-        rows = [row for row in self._found(recordings) if (row["effect"], row["joint"]) == (effect, joint)]
-        return rows[0]
-
     # Minutes of data
 
     def ablation_table(self, preset: str) -> str:

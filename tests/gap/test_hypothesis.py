@@ -210,3 +210,11 @@ def test_an_interval_stays_where_its_parameter_can_be():
     found = fit_final(damped, described("viscous_friction:joint=j2,coefficient=0.002"), {}, rounds=1)
     low, high = found.intervals[0]["coefficient"]
     assert low == 0.0 < high
+
+
+def test_an_interval_of_what_the_data_do_not_determine_has_ends():
+    """A change of θ beyond all bounds, as from a curvature of nearly zero."""
+    (free,) = described("coulomb_friction:joint=j1,torque=0.02").parameters(()).effect_parameters
+    assert free.move(0.02, 1e4) == pytest.approx(20)
+    assert free.move(0.02, -1e4) == pytest.approx(0.02e-3)
+    assert free.value(1e4) == pytest.approx(20)

@@ -46,13 +46,12 @@ class FreeParameter:
 
     def value(self, number: float) -> float:
         """Return the parameter's value v₀ exp(θ), or v₀ + scale · θ if it is signed, within its bounds."""
-        factor = math.exp(min(max(number, -MAX_LOG_RANGE), MAX_LOG_RANGE))
-        value = self.v0 + self.scale * number if self.signed else self.v0 * factor
-        return float(np.clip(value, self.parameter.low, self.parameter.high))
+        return float(np.clip(self.move(self.v0, number), self.parameter.low, self.parameter.high))
 
     def move(self, value: float, change: float) -> float:
         """Return a value after a change of θ, without bounds."""
-        return value + self.scale * change if self.signed else value * math.exp(change)
+        factor = math.exp(min(max(change, -MAX_LOG_RANGE), MAX_LOG_RANGE))
+        return value + self.scale * change if self.signed else value * factor
 
     def bounds(self) -> tuple[float, float]:
         """Return the bounds of θ."""
