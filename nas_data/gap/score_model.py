@@ -19,6 +19,7 @@ from nas_data.gap.write_model import MODEL, write_effects, write_model
 
 MAX_ERROR_RATIO = 1.5  # largest ratio of errors of the file over the effects on training episodes, floor included
 GOOD_ERROR_RATIO = 1.1  # ratio below which no further size is tried
+LONGER_STEP_RATIO = 1.05  # largest ratio of a joint's error, floor included, with longer physics steps
 
 # Multiples of large torque and speed for which effects with hooks are written to a file. Later ones have heavier pads,
 # which bounce less: they disturb a saturated servo with velocity feedback less, but follow its torque more slowly.
@@ -82,6 +83,7 @@ def score_model(problem: Problem, final: FinalFit, null: FinalFit, plain: FinalF
     named = with_timestep(nominal, replace(problem.train, fine=final.fine).timestep)
     expresses_all = all(effect.in_model for effect in effects)
     if expresses_all:
+        named = lengthen_timestep(problem, final, named)
         write_model(folder, nominal, effects, factors, float(named.spec.option.timestep))
     else:
         expresses_all = write_nearest(problem, final, folder, named)
@@ -97,6 +99,30 @@ def score_model(problem: Problem, final: FinalFit, null: FinalFit, plain: FinalF
     )
     write_effects(folder, effects, factors, nominal, outcome.contains)
     return outcome
+
+
+def lengthen_timestep(problem: Problem, final: FinalFit, named: Nominal) -> Nominal:
+    """Return the model with the longest physics steps, at most the given model's, that predict as well as its own.
+
+    Args:
+        problem: Recording and model.
+        final: Effects and factors.
+        named: Model without effects, with the physics steps of the fit.
+    """
+    own, task = problem.held.nominal, problem.train
+    longest = float(own.spec.option.timestep)
+
+    def measure_error(nominal: Nominal) -> np.ndarray:
+        evidence = nominal.infer_initial_loads(task.evidence, final.effects, dict(final.factors))
+        predicted = nominal.predict(evidence, final.effects, dict(final.factors))
+        return np.sqrt((task.floor**2 + evidence.mean_squares(predicted)).mean(0))
+
+    candidates = [step for step in (longest, longest / 2) if step > float(named.spec.option.timestep)]
+    reached = measure_error(named) if candidates else np.inf
+    for nominal in (with_timestep(own, step) for step in candidates):
+        if (measure_error(nominal) <= LONGER_STEP_RATIO * reached).all():
+            return nominal
+    return named
 
 
 def predict_held(problem: Problem, final: FinalFit) -> Prediction:
