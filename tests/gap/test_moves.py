@@ -30,6 +30,7 @@ from nas_data.gap.search.moves.base import find_move
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters, select_free_base
 from nas_data.gap.search.search import Search
+from nas_data.gap.search.tie_break import break_tie
 from nas_data.recorders.recipe import Recipe
 
 FLOOR = np.full(6, QUANTUM / np.sqrt(12))
@@ -332,3 +333,18 @@ def test_an_arm_that_play_throws_to_and_fro_is_chaotic_and_a_servoed_one_is_not(
     assert thrown is not None
     assert line_scan.is_chaotic(task, Hypothesis(described().with_effects(WIDE_PLAY), thrown, np.zeros((1, 7)), 0.0))
     assert not line_scan.is_chaotic(rubbing.task, rubbing.null)
+
+
+def test_an_effect_that_is_replaced_on_all_episodes_stays_a_rival(rubbing: Search):
+    search = afresh(rubbing)
+    search.rivals[effect_key(parse(BAND))] = [parse(DRY)]
+    better = break_tie(search, search.train, fitted(search, BAND, VISCOUS))
+    assert names(better.effects) == names([parse(VISCOUS), parse(DRY)])
+    assert effect_key(parse(BAND)) in {effect_key(rival) for rival in search.rivals[effect_key(parse(DRY))]}
+
+
+def test_the_simpler_of_two_effects_is_kept_where_the_data_do_not_decide():
+    offset, play, friction = parse("joint_offset:joint=j1,offset=0.05"), parse(BAND), parse(DRY)
+    assert replace_by_rival.compute_tie_price(offset, play) == replace_by_rival.TIE
+    assert replace_by_rival.compute_tie_price(play, offset) == -replace_by_rival.TIE
+    assert replace_by_rival.compute_tie_price(offset, friction) == 0

@@ -4,7 +4,12 @@ from nas_data.gap.search.constants import PRICE
 from nas_data.gap.search.final import measure_columns
 from nas_data.gap.search.fit import Fit, fit
 from nas_data.gap.search.hypothesis import Hypothesis, reuse_jacobian
-from nas_data.gap.search.moves.replace_by_rival import fit_rivals, select_doubted
+from nas_data.gap.search.moves.replace_by_rival import (
+    compute_tie_price,
+    fit_rivals,
+    remember_replaced,
+    select_doubted,
+)
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.search import Search
 
@@ -15,7 +20,7 @@ def break_tie(search: Search, train: FitTask, kept: Hypothesis) -> Hypothesis:
     If there are many effects, only those of lowest saliency have rivals. Both are compared at the same tolerance.
     """
     near = [
-        rival
+        (number, rival)
         for number in select_doubted(search, kept)
         for rival in fit_rivals(search, kept, number)
         if rival.score.over(kept.score) < PRICE
@@ -27,11 +32,13 @@ def break_tie(search: Search, train: FitTask, kept: Hypothesis) -> Hypothesis:
     own = refit_on_task(task, kept)
     if own is None:
         return kept
-    for rival in near:
+    for number, rival in near:
         restarted = train.reestimate(rival.fit.parameters, rival.fit.theta).with_tolerance_of(task)
         other = refit_on_task(restarted, rival, own)
-        if other is not None and other.loss + rival.description.price < own.loss + kept.description.price:
+        price = rival.description.price + compute_tie_price(kept.effects[number], rival.effects[-1])
+        if other is not None and other.loss + price < own.loss + kept.description.price:
             search.report("on all episodes, replaced by", rival)
+            remember_replaced(search, kept, number, rival)
             return rival
     return kept
 

@@ -5,14 +5,17 @@ from collections.abc import Sequence
 from nas_data import registry
 from nas_data.count_of import count_of
 from nas_data.effects.base import Effect, find_effect, make_effect
+from nas_data.effects.joint_offset import JointOffset
 from nas_data.gap.search.constants import FAR_BEHIND, LARGE_SIZE, MAX_ALTERNATIVES, MAX_LEADERS, MAX_ROUNDS
 from nas_data.gap.search.hypothesis import Description, Hypothesis, effect_key
 from nas_data.gap.search.moves.drop import estimate_losses
+from nas_data.gap.search.plain_fit import EFFECT_OF_PARAMETER
 from nas_data.gap.search.search import Search
 from nas_data.gap.search.torque_scale import Start, find_sufficient_ratio, leave_out
 from nas_data.gap.side_by_side import map_in_parallel
 
 GAIN = "servo_stiffness"  # effect
+TIE = 1.0  # [nats] difference of scores that says nothing
 
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
@@ -46,12 +49,27 @@ def find_better_rival(search: Search, h: Hypothesis, numbers: Sequence[int]) -> 
     for number in numbers:
         effect = h.effects[number]
         for found in fit_rivals(search, h, number):
-            if found.score < h.score:
+            if found.score + compute_tie_price(effect, found.effects[-1]) < h.score:
                 search.report(f"{effect.name()} replaced", found)
-                others = [other for other in h.effects if other is not effect]
-                search.rivals[effect_key(found.effects[-1])] = [effect, *list_rivals(search, effect, others)]
+                remember_replaced(search, h, number, found)
                 return found
     return None
+
+
+def compute_tie_price(effect: Effect, rival: Effect) -> float:
+    """Return the price of a rival [nats]: `TIE` if it replaces an effect that a plain fit has, such as an offset.
+
+    It is negative the other way round. So the simpler of two effects is named where the data do not decide.
+    """
+    smooth, other = (e.name() in EFFECT_OF_PARAMETER or isinstance(e, JointOffset) for e in (effect, rival))
+    return TIE * (smooth - other)
+
+
+def remember_replaced(search: Search, h: Hypothesis, number: int, found: Hypothesis) -> None:
+    """Note that an effect of a hypothesis and its rivals are rivals of the effect that replaced it."""
+    effect = h.effects[number]
+    others = [other for other in h.effects if other is not effect]
+    search.rivals[effect_key(found.effects[-1])] = [effect, *list_rivals(search, effect, others)]
 
 
 def add_rivals(search: Search, h: Hypothesis, numbers: Sequence[int]) -> None:
