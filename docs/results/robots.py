@@ -93,8 +93,11 @@ class Robots:
     def changes_table(self) -> str:
         """Return the table of known changes by kind."""
         kinds = {kind: [row for row in self._changes if row["change"].startswith(kind)] for kind in CHANGES}
-        rows = [[words, *count_changes(kinds[kind])] for kind, words in CHANGES.items() if kinds[kind]]
-        return markdown_table(["change", "made", "named", "size within 15 %", "interval holds the size"], rows)
+        rows = []
+        for kind, words in CHANGES.items():
+            (commit,) = {row["commit"] for row in kinds[kind]}
+            rows.append([words, *count_changes(kinds[kind]), f"`{commit}`"])
+        return markdown_table(["change", "made", "named", "size within 15 %", "interval holds the size", "commit"], rows)
 
     def missed_table(self) -> str:
         """Return the table of changes that were not named, or with another size."""
@@ -109,10 +112,6 @@ class Robots:
         """Return the number of changes named with a size within 15 %, of all."""
         return f"{sum(map(is_near, self._changes))} of {len(self._changes)}"
 
-    def changes_commit(self) -> str:
-        """Return the commit that made the table of known changes."""
-        (commit,) = {row["commit"] for row in self._changes}
-        return f"`{commit}`"
 
     def most_sure(self) -> str:
         """Return the largest confidence of a name."""

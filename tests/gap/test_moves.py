@@ -348,3 +348,4 @@ def test_the_simpler_of_two_effects_is_kept_where_the_data_do_not_decide():
     assert replace_by_rival.compute_tie_price(offset, play) == replace_by_rival.TIE
     assert replace_by_rival.compute_tie_price(play, offset) == -replace_by_rival.TIE
     assert replace_by_rival.compute_tie_price(offset, friction) == 0
+    assert replace_by_rival.compute_tie_price(play, parse("torque_limit:joint=j1,torque=0.1")) == 0

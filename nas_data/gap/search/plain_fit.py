@@ -38,7 +38,8 @@ EFFECT_OF_PARAMETER = {  # effect: the equivalent freed parameter, and how its v
     "rotor_inertia": ("armature", ADDED),
     "coulomb_friction": ("frictionloss", ADDED),
 }
-LIMIT_EFFECTS = ("torque_limit", "command_delay")  # effects that a plain fit includes as well
+LIMIT_EFFECTS = ("torque_limit", "command_delay")  # effects that a plain fit includes if they are worth their price
+SMOOTH_EFFECTS = {"joint_offset", *EFFECT_OF_PARAMETER}.difference(LIMIT_EFFECTS)  # equivalents of what it always has
 
 
 def fit_plain(search: Search) -> Hypothesis:

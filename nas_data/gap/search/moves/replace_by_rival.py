@@ -5,11 +5,10 @@ from collections.abc import Sequence
 from nas_data import registry
 from nas_data.count_of import count_of
 from nas_data.effects.base import Effect, find_effect, make_effect
-from nas_data.effects.joint_offset import JointOffset
 from nas_data.gap.search.constants import FAR_BEHIND, LARGE_SIZE, MAX_ALTERNATIVES, MAX_LEADERS, MAX_ROUNDS
 from nas_data.gap.search.hypothesis import Description, Hypothesis, effect_key
 from nas_data.gap.search.moves.drop import estimate_losses
-from nas_data.gap.search.plain_fit import EFFECT_OF_PARAMETER
+from nas_data.gap.search.plain_fit import SMOOTH_EFFECTS
 from nas_data.gap.search.search import Search
 from nas_data.gap.search.torque_scale import Start, find_sufficient_ratio, leave_out
 from nas_data.gap.side_by_side import map_in_parallel
@@ -57,12 +56,11 @@ def find_better_rival(search: Search, h: Hypothesis, numbers: Sequence[int]) -> 
 
 
 def compute_tie_price(effect: Effect, rival: Effect) -> float:
-    """Return the price of a rival [nats]: `TIE` if it replaces an effect that a plain fit has, such as an offset.
+    """Return the price of a rival [nats]: `TIE` if it replaces an effect that every plain fit has, such as an offset.
 
     It is negative the other way round. So the simpler of two effects is named where the data do not decide.
     """
-    smooth, other = (e.name() in EFFECT_OF_PARAMETER or isinstance(e, JointOffset) for e in (effect, rival))
-    return TIE * (smooth - other)
+    return TIE * ((effect.name() in SMOOTH_EFFECTS) - (rival.name() in SMOOTH_EFFECTS))
 
 
 def remember_replaced(search: Search, h: Hypothesis, number: int, found: Hypothesis) -> None:
