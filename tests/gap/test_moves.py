@@ -12,6 +12,7 @@ from nas_data.effects.base import parse
 from nas_data.errors import UnknownName
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal
+from nas_data.gap.search.constants import TIE
 from nas_data.gap.search.fit import fit
 from nas_data.gap.search.hypothesis import Hypothesis, effect_key
 from nas_data.gap.search.moves import (
@@ -345,7 +346,7 @@ def test_an_effect_that_is_replaced_on_all_episodes_stays_a_rival(rubbing: Searc
 
 def test_the_simpler_of_two_effects_is_kept_where_the_data_do_not_decide():
     offset, play, friction = parse("joint_offset:joint=j1,offset=0.05"), parse(BAND), parse(DRY)
-    assert replace_by_rival.compute_tie_price(offset, play) == replace_by_rival.TIE
-    assert replace_by_rival.compute_tie_price(play, offset) == -replace_by_rival.TIE
+    assert replace_by_rival.compute_tie_price(offset, play) == TIE
+    assert replace_by_rival.compute_tie_price(play, offset) == -TIE
     assert replace_by_rival.compute_tie_price(offset, friction) == 0
     assert replace_by_rival.compute_tie_price(play, parse("torque_limit:joint=j1,torque=0.1")) == 0

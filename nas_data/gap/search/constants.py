@@ -3,6 +3,7 @@
 # Scores [nats]
 PRICE = 12.0  # of an effect or a freed parameter of the model
 PARAMETER_PRICE = 3.0  # of every further parameter of an effect, and of an effect that MJCF alone cannot express
+TIE = 1.0  # difference that says nothing
 FAR_BEHIND = 60.0  # difference that decides even between short fits or first-order estimates
 
 # Shares of a gain or an error

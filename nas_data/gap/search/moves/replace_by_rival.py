@@ -5,7 +5,14 @@ from collections.abc import Sequence
 from nas_data import registry
 from nas_data.count_of import count_of
 from nas_data.effects.base import Effect, find_effect, make_effect
-from nas_data.gap.search.constants import FAR_BEHIND, LARGE_SIZE, MAX_ALTERNATIVES, MAX_LEADERS, MAX_ROUNDS
+from nas_data.gap.search.constants import (
+    FAR_BEHIND,
+    LARGE_SIZE,
+    MAX_ALTERNATIVES,
+    MAX_LEADERS,
+    MAX_ROUNDS,
+    TIE,
+)
 from nas_data.gap.search.hypothesis import Description, Hypothesis, effect_key
 from nas_data.gap.search.moves.drop import estimate_losses
 from nas_data.gap.search.plain_fit import SMOOTH_EFFECTS
@@ -14,7 +21,6 @@ from nas_data.gap.search.torque_scale import Start, find_sufficient_ratio, leave
 from nas_data.gap.side_by_side import map_in_parallel
 
 GAIN = "servo_stiffness"  # effect
-TIE = 1.0  # [nats] difference of scores that says nothing
 
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
