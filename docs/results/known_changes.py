@@ -45,6 +45,7 @@ class Change:
     name: str  # of the change
     dataset: Path  # recording
     model: Path  # model handed over
+    baseline: GapReport  # of the model before the change
     truth: Effect  # difference of the recording from the model
 
 
@@ -56,10 +57,10 @@ def import_logs(files: Sequence[Path], mapping: str | Path, out: Path, *options:
     return out
 
 
-def investigate(dataset: Path, model: Path, out: Path) -> GapReport:
+def investigate(dataset: Path, model: Path, out: Path, baseline: GapReport | None = None) -> GapReport:
     """Return the report of `nas gap`, made once, without the proposal of an experiment."""
     if not (out / "report.json").exists():
-        workflow.investigate(dataset, model, out, propose=False)
+        workflow.investigate(dataset, model, out, propose=False, baseline=baseline)
     return GapReport.read(out / "report.json")
 
 
@@ -86,7 +87,7 @@ def change_servo_gains(recordings: Path, out: Path) -> Iterator[Change]:
     hidden = known.replace('"kp", ', "").replace(" kp={kp}", "").replace(register, "")
     blind.write_text(hidden, encoding="utf-8")
     base = out / "xl330_base"
-    investigate(import_logs(files, "xl330_json", data / "xl330"), HERE / "xl330.xml", base)
+    report = investigate(import_logs(files, "xl330_json", data / "xl330"), HERE / "xl330.xml", base)
     for given, changed in permutations(GAINS, 2):
         chosen = [file for file in files if f'"kp": {changed},' in file.read_text("utf-8")]
         dataset = import_logs(chosen, blind, data / f"xl330_{changed}")
@@ -94,7 +95,7 @@ def change_servo_gains(recordings: Path, out: Path) -> Iterator[Change]:
         model = out / "models" / f"xl330_{given}.xml"
         write_changed_model(base / MODEL, lambda spec, effect=effect: add_effects(spec, [effect]), model)
         truth = make_effect("servo_stiffness", "pendulum", {"factor": changed / given})
-        yield Change(f"XL330: P gain {given} to {changed}", dataset, model, truth)
+        yield Change(f"XL330: P gain {given} to {changed}", dataset, model, report, truth)
 
 
 def change_pendulum_mass(recordings: Path, out: Path) -> Iterator[Change]:
@@ -102,7 +103,7 @@ def change_pendulum_mass(recordings: Path, out: Path) -> Iterator[Change]:
     folder, base = recordings / "dfki_double_pendulum", out / "pendulum_base"
     files = sorted(folder.glob("*.csv"))
     dataset = import_logs(files, folder / "map.toml", out / "datasets" / "pendulum", "--cut", str(PIECE))
-    investigate(dataset, folder / "model.xml", base)
+    report = investigate(dataset, folder / "model.xml", base)
     for factor in MASSES:
         mass = mujoco.MjModel.from_xml_path(str(base / MODEL)).body_mass[-1]
 
@@ -112,7 +113,7 @@ def change_pendulum_mass(recordings: Path, out: Path) -> Iterator[Change]:
 
         model = write_changed_model(base / MODEL, lighten, out / "models" / f"pendulum_{factor}.xml")
         truth = make_effect("payload", None, {"mass": (1 - factor) * float(mass)})
-        yield Change(f"double pendulum: last link × {factor:g}", dataset, model, truth)
+        yield Change(f"double pendulum: last link × {factor:g}", dataset, model, report, truth)
 
 
 def change_so101_recordings(recordings: Path, out: Path) -> Iterator[Change]:
@@ -121,7 +122,7 @@ def change_so101_recordings(recordings: Path, out: Path) -> Iterator[Change]:
     files = {file.stem: file for file in sorted(folder.glob("*.npz")) if file.stem not in SO101_KEPT_BACK}
     base = out / "so101_base"
     given = import_logs(tuple(files.values()), "so101_npz", data / "so101")
-    investigate(given, folder / "model" / "so101_new_calib_nomesh.xml", base)
+    report = investigate(given, folder / "model" / "so101_new_calib_nomesh.xml", base)
     few = import_logs([files[stem] for stem in SO101_CHANGED], "so101_npz", data / "so101_few")
     dataset, provenance = read(few), read_provenance(few)
     assert provenance, "nas import writes it"
@@ -136,7 +137,7 @@ def change_so101_recordings(recordings: Path, out: Path) -> Iterator[Change]:
             target = data / name.replace(",", "").replace(" ", "_").replace("°", "deg")
             if not target.exists():
                 write(changed, target, provenance)
-            yield Change(name, target, base / MODEL, truth)
+            yield Change(name, target, base / MODEL, report, truth)
 
 
 def make_late(dataset: Dataset, joint: str, samples: int) -> Dataset:
@@ -201,7 +202,7 @@ def main(recordings: tyro.conf.Positional[Path], out: tyro.conf.Positional[Path]
             if change.name in {row["change"] for row in rows}:
                 continue
             folder = out / "reports" / change.name.replace(" ", "_").replace(":", "").replace(",", "")
-            row = grade(change, investigate(change.dataset, change.model, folder))
+            row = grade(change, investigate(change.dataset, change.model, folder, change.baseline))
             write_table(table, [*rows, row])
             found, beside = row["found"] or "nothing", row["beside"] or "nothing"
             say(f"{change.name}: {row['size']:.4g}, found {found}; beside {beside}")

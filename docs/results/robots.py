@@ -97,7 +97,9 @@ class Robots:
         for kind, words in CHANGES.items():
             (commit,) = {row["commit"] for row in kinds[kind]}
             rows.append([words, *count_changes(kinds[kind]), f"`{commit}`"])
-        return markdown_table(["change", "made", "named", "size within 15 %", "interval holds the size", "commit"], rows)
+        return markdown_table(
+            ["change", "made", "named", "size within 15 %", "interval holds the size", "commit"], rows
+        )
 
     def missed_table(self) -> str:
         """Return the table of changes that were not named, or with another size."""
@@ -111,7 +113,6 @@ class Robots:
     def changes_right(self) -> str:
         """Return the number of changes named with a size within 15 %, of all."""
         return f"{sum(map(is_near, self._changes))} of {len(self._changes)}"
-
 
     def most_sure(self) -> str:
         """Return the largest confidence of a name."""

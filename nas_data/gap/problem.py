@@ -4,6 +4,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
 from nas_data.count_of import count_of
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.external import audit_external
@@ -17,6 +19,7 @@ from nas_data.gap.floor import estimate_noise_floor, measure_step_errors
 from nas_data.gap.gains import REGISTER, with_relative_gains
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.overlaps import Overlap, exclude_contacts, find_overlaps
+from nas_data.gap.report import GapReport
 from nas_data.gap.search.objective import FitTask
 from nas_data.log import warn
 from nas_data.pairing import check_fits, warn_of_ranges
@@ -55,8 +58,13 @@ class Problem:
     root: Path | None
 
     @classmethod
-    def load(cls, dataset: str | Path, model: str | Path) -> "Problem":
+    def load(cls, dataset: str | Path, model: str | Path, baseline: GapReport | None = None) -> "Problem":
         """Read both files.
+
+        Args:
+            dataset: Folder of the recording.
+            model: Robot's name or model file.
+            baseline: Report of which `model` is the result; see `raise_floor`.
 
         Raises:
             NasError: one of them cannot be used; the message names it.
@@ -64,7 +72,8 @@ class Problem:
         root = resolve(Path(dataset))
         recorded, _, noticed = audit_external(root, read(root))
         warn(noticed)
-        return cls.of(recorded, model, root)
+        problem = cls.of(recorded, model, root)
+        return problem if baseline is None else problem.raise_floor(baseline)
 
     @classmethod
     def of(cls, recorded: Dataset, model: str | Path, root: Path | None) -> "Problem":
@@ -109,6 +118,17 @@ class Problem:
         names = (folder.parent.name if VERSION.fullmatch(folder.name) else folder.name, shown)
         fitted, judged = (FitTask(nominal, part, floor).infer_initial_loads((), {}) for part in (train, held))
         return cls(transitions, evidence, fitted, judged, as_given, tuple(overlaps.values()), names, model, root)
+
+    def raise_floor(self, baseline: GapReport) -> "Problem":
+        """Return the problem with a noise floor of at least what a baseline's report leaves unexplained, by joint.
+
+        The model is that of the report. So only what differs from the baseline is searched and named.
+        """
+        left = baseline.gap.per_joint
+        known = [left[joint].after if joint in left else 0.0 for joint in self.evidence.joints]
+        floor = np.maximum(self.train.floor, known)
+        train, held = (replace(task, floor=floor) for task in (self.train, self.held))
+        return replace(self, train=train, held=held)
 
     @cached_property
     def without_registers(self) -> Nominal:

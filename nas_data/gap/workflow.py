@@ -5,6 +5,7 @@ import shlex
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from nas_data.dataset.content import hash_content
@@ -37,9 +38,14 @@ def investigate(
     learn: int = 0,
     *,
     propose: bool = True,
+    baseline: GapReport | None = None,
 ) -> GapReport:
-    """Run the workflow on a dataset's folder; see `investigate_problem`."""
-    return investigate_problem(lambda: Problem.load(dataset, model), model, out, say, learn, propose=propose)
+    """Run the workflow on a dataset's folder; see `investigate_problem`.
+
+    With the report of a baseline, of which `model` is the result, only what differs from the baseline is named.
+    """
+    load = partial(Problem.load, dataset, model, baseline)
+    return investigate_problem(load, model, out, say, learn, propose=propose)
 
 
 def investigate_problem(
