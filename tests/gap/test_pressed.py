@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -202,3 +203,12 @@ def test_the_file_keeps_the_given_timestep_unless_shorter_steps_predict_better(
     own, fine = float(nominal.spec.option.timestep), find_fine_timestep(nominal)
     assert fine < own
     assert mujoco.MjModel.from_xml_path(str(found.model)).opt.timestep == pytest.approx(own if is_own else fine)
+
+
+def test_what_a_baseline_leaves_unexplained_is_noise_of_what_is_compared_with_it(given: Problem):
+    """A joint that the baseline explains keeps its noise floor."""
+    left = {"m2": SimpleNamespace(after=0.03), "m3": SimpleNamespace(after=1e-6)}
+    raised = given.raise_floor(SimpleNamespace(gap=SimpleNamespace(per_joint=left)))
+    floor = given.train.floor.copy()
+    floor[1] = 0.03
+    assert raised.train.floor.tolist() == raised.held.floor.tolist() == floor.tolist()
