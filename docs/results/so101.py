@@ -11,10 +11,11 @@ from pages import HERE, Row, markdown_table, number, read_table, render, write_p
 from nas_data.reports.figures import AblationCurve, draw_error_over_amount
 from nas_data.reports.style import to_png
 
-GIVEN = {"0.55", "0.001", "0.000001", "24.7", "0.3"}  # the goal, largest differences, the gain, the prior of a limit
+GIVEN = {"0.55", "0.001", "0.000001"}  # the goal, and largest differences
 MOTIONS = ("chirp_sweep", "random_waypoints", "friction_gravity", "pick_place")
 COMMIT = "f515ae8"  # of the search
 COLUMNS = {"given model": "source", "with the named effects": "names"}
+MODEL_GAIN = 998.22  # [N·m/rad] of so101_new_calib_nomesh.xml
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 LOOPS = ("open_loop", "one_step")
 
@@ -53,6 +54,11 @@ class So101:
         """Return how many effects were named in the recordings as they are."""
         rows = [row for row in self._found("so101") if row["effect"] not in ("base", "unexplained")]
         return str(len({(row["effect"], row["joint"]) for row in rows}))
+
+    def gain(self) -> str:
+        """Return the one gain of all servos over the model's, and in N·m/rad."""
+        (value,) = {float(row["value"]) for row in self._found("so101") if row["effect"] == "servo_stiffness"}
+        return f"{number(value, 4)} of the model's, {number(value * MODEL_GAIN, 1)} N·m/rad"
 
     def names_table(self) -> str:
         """Return the table of named effects by kind: the range of their values, and of their confidences."""

@@ -1,7 +1,7 @@
 """Roll a policy for ErgoShield out on two virtual arms and count in how many readings the arms' bodies overlap.
 
     nas policy train --env ErgoShield --on source --frames 400000 --seed 0 --out runs/shield
-    python docs/results/two_arms.py runs/shield 2 unchecked bodies all
+    python docs/two_arms.py runs/shield 2 unchecked bodies all
 
 `unchecked` sends every command and goes every slow way straight; the others are what `--apart` may be. Starts are those
 of the first episodes in simulation; in lock-step the same policy gives the same figures.
