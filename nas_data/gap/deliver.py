@@ -153,27 +153,23 @@ def write_plain_fit(found: Delivery) -> Delivered | None:
 
 
 def keep_confirmed_names(found: Delivery) -> Delivered | None:
-    """Write the plain fit, with the names that it confirms in place of its parameters, if there are any.
+    """Write the plain fit, with the names that it confirms, if there are any.
 
-    A name is confirmed if the plain fit changed the same quantity to a similar value.
+    A name is confirmed if the plain fit has it too, as an effect or as a changed parameter, with a similar value.
     """
     plain, spec = found.naming.plain, found.problem.train.nominal.spec
     if found.rms(found.outcome.plain) > found.rms(found.outcome.before):
         return None
-    made = {name: convert_parameter(spec, name, plain.factors[name]) for name in found.naming.plain_description.freed}
-    names = {effect_key(effect): name for name, effect in made.items() if effect is not None}
-    confirmed = {
-        effect_key(effect): other
-        for effect in found.naming.final.effects
-        if (other := made.get(names.get(effect_key(effect), ""))) is not None and are_similar(effect, other)
-    }
+    freed = {name: convert_parameter(spec, name, plain.factors[name]) for name in found.naming.plain_description.freed}
+    known = {effect_key(effect): effect for effect in (*plain.effects, *filter(None, freed.values()))}
+    named = {effect_key(effect): effect for effect in found.naming.final.effects}
+    confirmed = {key: known[key] for key in named if key in known and are_similar(named[key], known[key])}
     if not confirmed:
         return None
-    replaced = {names[key] for key in confirmed}
-    effects = (*(effect for effect in plain.effects if effect_key(effect) not in confirmed), *confirmed.values())
+    replaced = {name: effect for name, effect in freed.items() if effect and effect_key(effect) in confirmed}
     factors = {name: factor for name, factor in plain.factors.items() if name not in replaced}
     naming = found.naming.with_fit(found.naming.final.with_values(confirmed))
-    naming = replace(naming, final=replace(plain, effects=effects, factors=factors))
+    naming = replace(naming, final=replace(plain, effects=(*plain.effects, *replaced.values()), factors=factors))
     return naming, replace(found.score(naming.final), delivered="names and plain")
 
 

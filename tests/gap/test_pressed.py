@@ -13,7 +13,7 @@ from nas_data.cli import main
 from nas_data.effects.base import parse
 from nas_data.gap import score_model as added_file
 from nas_data.gap.confidence import Support
-from nas_data.gap.deliver import Delivery, deliver, keep_confirmed_names, write_plain_fit
+from nas_data.gap.deliver import Delivery, are_similar, deliver, keep_confirmed_names, write_plain_fit
 from nas_data.gap.name import Finding, Naming
 from nas_data.gap.nominal import find_fine_timestep
 from nas_data.gap.problem import Problem
@@ -161,31 +161,35 @@ def test_right_names_are_kept_where_the_plain_fit_predicts_a_little_better(given
 
 
 def test_a_name_is_kept_where_a_better_plain_fit_confirms_it(tmp_path: Path):
-    """The plain fit halves the same gain; of the other name it knows nothing."""
+    """The plain fit halves the same gain and has the same offset; of the third name it knows nothing."""
     given = problem(tmp_path / "arm", "servo_stiffness:joint=m2,factor=0.5")
     right, wrong = parse("servo_stiffness:joint=m2,factor=0.45"), parse("deadband:joint=m3,half_width=0.05")
+    shift, shifted = (parse(f"joint_offset:joint=m1,offset={size}") for size in (0.004, 0.005))
     support = Support(closest_rival=0.2, chosen=1.0, rest=1.0, left=0.1)
-    findings = tuple(Finding(effect, {}, support, 1.0, 0.1, (), ()) for effect in (right, wrong))
-    final = FinalFit((right, wrong), {}, ({"factor": (0.44, 0.46)}, {"half_width": (0.04, 0.06)}))
-    plain, freed = FinalFit((), {"m2.gain": 0.51, "m1.gain": 1.0}, ()), frozenset({"m1.gain", "m2.gain"})
+    findings = tuple(Finding(effect, {}, support, 1.0, 0.1, (), ()) for effect in (right, wrong, shift))
+    final = FinalFit(
+        (right, wrong, shift), {}, ({"factor": (0.44, 0.46)}, {"half_width": (0.04, 0.06)}, {"offset": (0.003, 0.0055)})
+    )
+    plain, freed = FinalFit((shifted,), {"m2.gain": 0.51, "m1.gain": 1.0}, ()), frozenset({"m1.gain", "m2.gain"})
     names = Naming(
         findings,
         final,
         FinalFit((), {}, ()),
         plain,
-        (None, None),
-        Description((right, wrong)),
-        Description((), freed),
+        (None, None, None),
+        Description((right, wrong, shift)),
+        Description((shifted,), freed),
         {},
     )
     as_found = score_model(given, final, names.null, plain, tmp_path)
     assert error(given, as_found.written) > 1.1 * error(given, as_found.plain)
     naming, found = keep_confirmed_names(Delivery(given, names, tmp_path, as_found))
-    assert [finding.effect for finding in naming.findings] == [parse("servo_stiffness:joint=m2,factor=0.51")]
-    assert naming.findings[0].interval == {"factor": (0.44, 0.51)}
+    assert [finding.effect for finding in naming.findings] == [parse("servo_stiffness:joint=m2,factor=0.51"), shifted]
+    assert [finding.interval for finding in naming.findings] == [{"factor": (0.44, 0.51)}, {"offset": (0.003, 0.0055)}]
     assert naming.final.factors == {"m1.gain": 1.0}
     assert error(given, found.written) == pytest.approx(error(given, as_found.plain), rel=0.05)  # longer steps
-    assert flags(tmp_path) == {"servo_stiffness": True}
+    assert flags(tmp_path) == {"servo_stiffness": True, "joint_offset": True}
+    assert not are_similar(shift, parse("joint_offset:joint=m1,offset=-0.004"))
     nothing = replace(
         names, plain=FinalFit((), {"m2.gain": 0.9, "m1.gain": 1.0}, ()), plain_description=Description((), freed)
     )

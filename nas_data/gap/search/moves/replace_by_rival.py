@@ -129,12 +129,12 @@ def replace_by_gain(search: Search, h: Hypothesis, number: int) -> Start | None:
     """
     effect, taken = h.effects[number], h.description
     kinds = {parameter.kind for parameter in search.train.nominal.base if parameter.joint == effect.joint}
-    known = [(other.name(), other.joint) for other in h.effects]
+    known = [effect_key(other) for other in h.effects]
     if "gain" not in kinds or f"{effect.joint}.gain" in taken.freed or (GAIN, effect.joint) in known:
         return None
     spec = search.train.nominal.spec
     ratio, rest = find_sufficient_ratio(effect, spec), leave_out(taken, h.fit.factors, spec, number)
-    if ratio is None or rest is None or GAIN in taken.shared:
+    if ratio is None or rest is None or GAIN in taken.shared:  # a shared gain belongs to other joints
         return None
     first = find_effect(GAIN).parameters[0]
     gain = make_effect(GAIN, effect.joint, {first.name: min(max(ratio, first.low), first.high)})
