@@ -21,6 +21,7 @@ from nas_data.dataset.read import read
 from nas_data.dataset.write import write
 from nas_data.effects.base import Effect, add_effects, make_effect
 from nas_data.gap import workflow
+from nas_data.gap.problem import Problem
 from nas_data.gap.report import GapReport
 from nas_data.gap.write_model import MODEL
 from nas_data.runs.environment_info import find_commit
@@ -45,7 +46,7 @@ class Change:
     name: str  # of the change
     dataset: Path  # recording
     model: Path  # model handed over
-    baseline: GapReport  # of the model before the change
+    baseline: tuple[Path, Path]  # recording and model without the change
     truth: Effect  # difference of the recording from the model
 
 
@@ -57,10 +58,18 @@ def import_logs(files: Sequence[Path], mapping: str | Path, out: Path, *options:
     return out
 
 
-def investigate(dataset: Path, model: Path, out: Path, baseline: GapReport | None = None) -> GapReport:
-    """Return the report of `nas gap`, made once, without the proposal of an experiment."""
+def investigate(dataset: Path, model: Path, out: Path, baseline: tuple[Path, Path] | None = None) -> GapReport:
+    """Return the report of `nas gap`, made once, without the proposal of an experiment.
+
+    What the baseline's model leaves unexplained in the baseline's recording counts as noise.
+    """
+
+    def load() -> Problem:
+        problem = Problem.load(dataset, model)
+        return problem.raise_floor(Problem.load(*baseline)) if baseline else problem
+
     if not (out / "report.json").exists():
-        workflow.investigate(dataset, model, out, propose=False, baseline=baseline)
+        workflow.investigate_problem(load, model, out, propose=False)
     return GapReport.read(out / "report.json")
 
 
@@ -87,15 +96,17 @@ def change_servo_gains(recordings: Path, out: Path) -> Iterator[Change]:
     hidden = known.replace('"kp", ', "").replace(" kp={kp}", "").replace(register, "")
     blind.write_text(hidden, encoding="utf-8")
     base = out / "xl330_base"
-    report = investigate(import_logs(files, "xl330_json", data / "xl330"), HERE / "xl330.xml", base)
+    investigate(import_logs(files, "xl330_json", data / "xl330"), HERE / "xl330.xml", base)
+    logs = {}
+    for gain in GAINS:
+        chosen = [file for file in files if f'"kp": {gain},' in file.read_text("utf-8")]
+        logs[gain] = import_logs(chosen, blind, data / f"xl330_{gain}")
     for given, changed in permutations(GAINS, 2):
-        chosen = [file for file in files if f'"kp": {changed},' in file.read_text("utf-8")]
-        dataset = import_logs(chosen, blind, data / f"xl330_{changed}")
         effect = make_effect("servo_stiffness", "pendulum", {"factor": given / XL330_MODEL_GAIN})
         model = out / "models" / f"xl330_{given}.xml"
         write_changed_model(base / MODEL, lambda spec, effect=effect: add_effects(spec, [effect]), model)
         truth = make_effect("servo_stiffness", "pendulum", {"factor": changed / given})
-        yield Change(f"XL330: P gain {given} to {changed}", dataset, model, report, truth)
+        yield Change(f"XL330: P gain {given} to {changed}", logs[changed], model, (logs[given], model), truth)
 
 
 def change_pendulum_mass(recordings: Path, out: Path) -> Iterator[Change]:
@@ -103,7 +114,7 @@ def change_pendulum_mass(recordings: Path, out: Path) -> Iterator[Change]:
     folder, base = recordings / "dfki_double_pendulum", out / "pendulum_base"
     files = sorted(folder.glob("*.csv"))
     dataset = import_logs(files, folder / "map.toml", out / "datasets" / "pendulum", "--cut", str(PIECE))
-    report = investigate(dataset, folder / "model.xml", base)
+    investigate(dataset, folder / "model.xml", base)
     for factor in MASSES:
         mass = mujoco.MjModel.from_xml_path(str(base / MODEL)).body_mass[-1]
 
@@ -113,7 +124,7 @@ def change_pendulum_mass(recordings: Path, out: Path) -> Iterator[Change]:
 
         model = write_changed_model(base / MODEL, lighten, out / "models" / f"pendulum_{factor}.xml")
         truth = make_effect("payload", None, {"mass": (1 - factor) * float(mass)})
-        yield Change(f"double pendulum: last link × {factor:g}", dataset, model, report, truth)
+        yield Change(f"double pendulum: last link × {factor:g}", dataset, model, (dataset, base / MODEL), truth)
 
 
 def change_so101_recordings(recordings: Path, out: Path) -> Iterator[Change]:
@@ -122,7 +133,7 @@ def change_so101_recordings(recordings: Path, out: Path) -> Iterator[Change]:
     files = {file.stem: file for file in sorted(folder.glob("*.npz")) if file.stem not in SO101_KEPT_BACK}
     base = out / "so101_base"
     given = import_logs(tuple(files.values()), "so101_npz", data / "so101")
-    report = investigate(given, folder / "model" / "so101_new_calib_nomesh.xml", base)
+    investigate(given, folder / "model" / "so101_new_calib_nomesh.xml", base)
     few = import_logs([files[stem] for stem in SO101_CHANGED], "so101_npz", data / "so101_few")
     dataset, provenance = read(few), read_provenance(few)
     assert provenance, "nas import writes it"
@@ -137,7 +148,7 @@ def change_so101_recordings(recordings: Path, out: Path) -> Iterator[Change]:
             target = data / name.replace(",", "").replace(" ", "_").replace("°", "deg")
             if not target.exists():
                 write(changed, target, provenance)
-            yield Change(name, target, base / MODEL, report, truth)
+            yield Change(name, target, base / MODEL, (few, base / MODEL), truth)
 
 
 def make_late(dataset: Dataset, joint: str, samples: int) -> Dataset:

@@ -17,6 +17,7 @@ def identify(
     *,
     out: str | Path | None = None,
     learn: int = 0,
+    baseline: Dataset | str | Path | None = None,
     actuators: Actuators = "position",
     progress: Progress | None = None,
 ) -> GapReport:
@@ -27,6 +28,8 @@ def identify(
         model: Model to correct: an MJCF or URDF file, or a robot's name.
         out: Folder of the report; an earlier report in it is replaced. None keeps it in memory: see `GapReport.save`.
         learn: Number of updates to train φ on the remaining gap; 0 for none.
+        baseline: Earlier recording, or its folder. What the model leaves unexplained there counts as noise, so that
+            only what has changed since is named. None names everything.
         actuators: Actuators for a URDF: `position` servos, or motors (`torque`).
         progress: Called with progress messages; for example `print`.
 
@@ -41,13 +44,18 @@ def identify(
     """
     if out is None:
         with tempfile.TemporaryDirectory() as folder:
+            inside = Path(folder, "gap")
             return identify(
-                dataset, model, out=Path(folder, "gap"), learn=learn, actuators=actuators, progress=progress
+                dataset, model, out=inside, learn=learn, baseline=baseline, actuators=actuators, progress=progress
             )
     given = as_model(model, actuators)
 
+    def load_one(recorded: Dataset | str | Path) -> Problem:
+        complete = as_dataset(recorded)
+        return Problem.of(complete, given, find_folder(complete))
+
     def load() -> Problem:
-        recorded = as_dataset(dataset)
-        return Problem.of(recorded, given, find_folder(recorded))
+        problem = load_one(dataset)
+        return problem if baseline is None else problem.raise_floor(load_one(baseline))
 
     return investigate_problem(load, given, out, progress or silence, learn)

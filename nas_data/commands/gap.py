@@ -26,6 +26,9 @@ class Gap(TakesModel):
     learn: int = 0
     """Train φ on the remaining gap with this many updates (minutes), and report its share; it is left out if it does
     not help on held-out episodes. 0 trains none."""
+    baseline: Path | None = None
+    """Earlier recording: what the model leaves unexplained there counts as noise, so that only what has changed since
+    is named. Best with the same motions, and the model that `nas gap` wrote for it. By default all is named."""
 
     def run(self) -> CommandResult:
         """Run all stages."""
@@ -34,6 +37,12 @@ class Gap(TakesModel):
 
         begin("reading the recording")
         report = identify(
-            self.dataset, self.model, out=self.out, learn=self.learn, actuators=self.actuators, progress=say
+            self.dataset,
+            self.model,
+            out=self.out,
+            learn=self.learn,
+            baseline=self.baseline,
+            actuators=self.actuators,
+            progress=say,
         )
         return CommandResult(summarise(report, self.out), report.to_json())

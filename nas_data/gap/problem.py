@@ -19,7 +19,6 @@ from nas_data.gap.floor import estimate_noise_floor, measure_step_errors
 from nas_data.gap.gains import REGISTER, with_relative_gains
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.overlaps import Overlap, exclude_contacts, find_overlaps
-from nas_data.gap.report import GapReport
 from nas_data.gap.search.objective import FitTask
 from nas_data.log import warn
 from nas_data.pairing import check_fits, warn_of_ranges
@@ -45,6 +44,7 @@ class Problem:
         names: Names of dataset and model in the report.
         model_file: Robot's name or model file.
         root: Folder of the dataset; None if it is only in memory.
+        baseline: Recording before a change, with the same model; see `raise_floor`.
     """
 
     dataset: Dataset
@@ -56,15 +56,16 @@ class Problem:
     names: tuple[str, str]
     model_file: str | Path
     root: Path | None
+    baseline: "Problem | None" = None
 
     @classmethod
-    def load(cls, dataset: str | Path, model: str | Path, baseline: GapReport | None = None) -> "Problem":
+    def load(cls, dataset: str | Path, model: str | Path, baseline: str | Path | None = None) -> "Problem":
         """Read both files.
 
         Args:
             dataset: Folder of the recording.
             model: Robot's name or model file.
-            baseline: Report of which `model` is the result; see `raise_floor`.
+            baseline: Folder of a recording that `model` describes; see `raise_floor`.
 
         Raises:
             NasError: one of them cannot be used; the message names it.
@@ -73,7 +74,7 @@ class Problem:
         recorded, _, noticed = audit_external(root, read(root))
         warn(noticed)
         problem = cls.of(recorded, model, root)
-        return problem if baseline is None else problem.raise_floor(baseline)
+        return problem if baseline is None else problem.raise_floor(cls.load(baseline, model))
 
     @classmethod
     def of(cls, recorded: Dataset, model: str | Path, root: Path | None) -> "Problem":
@@ -119,16 +120,19 @@ class Problem:
         fitted, judged = (FitTask(nominal, part, floor).infer_initial_loads((), {}) for part in (train, held))
         return cls(transitions, evidence, fitted, judged, as_given, tuple(overlaps.values()), names, model, root)
 
-    def raise_floor(self, baseline: GapReport) -> "Problem":
-        """Return the problem with a noise floor of at least what a baseline's report leaves unexplained, by joint.
+    def raise_floor(self, baseline: "Problem") -> "Problem":
+        """Return the problem with a noise floor of at least what the model leaves unexplained in a baseline, by joint.
 
-        The model is that of the report. So only what differs from the baseline is searched and named.
+        So only what differs from the baseline is searched and named. The baseline best has the same motions.
+
+        Args:
+            baseline: Recording before a change, with the same model.
         """
-        left = baseline.gap.per_joint
-        known = [left[joint].after if joint in left else 0.0 for joint in self.evidence.joints]
-        floor = np.maximum(self.train.floor, known)
+        squares = np.concatenate([task.measure_squares() for task in (baseline.train, baseline.held)]).mean(axis=0)
+        left = dict(zip(baseline.evidence.joints, np.sqrt(squares), strict=True))
+        floor = np.maximum(self.train.floor, [left.get(joint, 0.0) for joint in self.evidence.joints])
         train, held = (replace(task, floor=floor) for task in (self.train, self.held))
-        return replace(self, train=train, held=held)
+        return replace(self, train=train, held=held, baseline=baseline)
 
     @cached_property
     def without_registers(self) -> Nominal:

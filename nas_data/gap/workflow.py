@@ -38,11 +38,11 @@ def investigate(
     learn: int = 0,
     *,
     propose: bool = True,
-    baseline: GapReport | None = None,
+    baseline: str | Path | None = None,
 ) -> GapReport:
     """Run the workflow on a dataset's folder; see `investigate_problem`.
 
-    With the report of a baseline, of which `model` is the result, only what differs from the baseline is named.
+    With a baseline, which is a recording that `model` describes, only what differs from it is named.
     """
     load = partial(Problem.load, dataset, model, baseline)
     return investigate_problem(load, model, out, say, learn, propose=propose)
@@ -134,6 +134,7 @@ def record_origin(problem: Problem, folder: Path, learn: int) -> MadeFrom:
     words = ["nas", "gap", str(problem.root or "DATASET"), "--model", given.removesuffix(TORQUES), "--out", str(folder)]
     words += ["--actuators", "torque"] if given.endswith(TORQUES) else []
     words += ["--learn", str(learn)] if learn else []
+    words += ["--baseline", str(problem.baseline.root or "BASELINE")] if problem.baseline else []
     provenance = None if problem.root is None else read_provenance(problem.root)
     return MadeFrom(
         command=shlex.join(words),

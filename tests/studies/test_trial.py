@@ -243,9 +243,9 @@ def searches(monkeypatch) -> list[str]:
     """Replace the search by one that knows the truth; return the names of the recordings that were searched."""
     seen: list[str] = []
 
-    def pretend(dataset: Path, model: str, out: Path, say, propose: bool, baseline: GapReport | None) -> GapReport:
+    def pretend(dataset: Path, model: str, out: Path, say, propose: bool, baseline: Path | None) -> GapReport:
         assert not propose  # the next recording is known
-        assert (baseline is None) == (dataset.name == plans.BASELINE)
+        assert baseline == (None if dataset.name == plans.BASELINE else dataset.parent / plans.BASELINE)
         seen.append(dataset.name)
         report = make_report()
         if dataset.name != plans.BASELINE:

@@ -337,6 +337,14 @@ class FitTask:
         errors, _ = self.errors(predicted)
         return np.asarray((errors**2).sum(1) / self.evidence.mask.sum(1)[:, None])
 
+    def measure_squares(self) -> np.ndarray:
+        """Return the mean squared error of the given model by episode and joint [rad²; m²], shape (E, n).
+
+        Initial states and timestep are corrected first.
+        """
+        task = self.reestimate(FreeParameters((), ()), np.zeros(0))
+        return task.mean_squares(task.roll_out(task.evidence, (), {}))
+
     def weights(self, predicted: np.ndarray) -> np.ndarray:
         """Return the weight of each error in the equivalent least squares, shape (E, 1, n).
 

@@ -139,7 +139,7 @@ def name_baseline(work: TrialWork) -> StageResult:
     return StageResult([f"verdict {report.verdict}; named: {names}"], {})
 
 
-def name_recording(work: TrialWork, name: str, model: str, baseline: GapReport | None = None) -> GapReport:
+def name_recording(work: TrialWork, name: str, model: str, baseline: Path | None = None) -> GapReport:
     """Run `nas gap` on a recording, with its own progress; with a baseline only what differs from it is named."""
     say = RateLimited(lambda line: work.report(INDENT + textwrap.shorten(line, WIDTH, placeholder=" …")), PAUSE)
     return investigate(work.folder / name, model, work.folder / gap_folder(name), say, propose=False, baseline=baseline)
@@ -187,8 +187,8 @@ def name_change(work: TrialWork, change: KnownChange) -> StageResult:
     made = read_stage(record_stage_name(change.name), work.folder).data
     if "skipped" in made:
         return StageResult(["skipped, as its recording"], {})
-    folder = work.folder / gap_folder(BASELINE)
-    report = name_recording(work, change.name, str(folder / MODEL), GapReport.read(folder / REPORT))
+    model = work.folder / gap_folder(BASELINE) / MODEL
+    report = name_recording(work, change.name, str(model), work.folder / BASELINE)
     return StageResult([ChangeOutcome.of(change, read_expected(work, change), report).line()], {})
 
 
