@@ -31,12 +31,11 @@ TABLE = "known_changes.csv"  # in the folder of the results
 POSITIONS = ("observation.state", "next.observation.state")
 GAINS = (100, 200, 400, 800)  # P gains of the XL330 logs
 XL330_MODEL_GAIN = 400  # P gain of docs/results/xl330.xml
-# motions of the SO-101 that the changes are made in; the baseline is given all but the four that are kept back
-SO101_KEPT_BACK = ("chirp_sweep", "random_waypoints", "friction_gravity", "pick_place")
-SO101_CHANGED = ("figure_eight", "multisine", "step_response", "triangle_wave")
+SO101_MOTIONS = ("figure_eight", "multisine", "step_response", "triangle_wave")
 SAMPLES, DEGREES = (1, 2, 3), (1.0, 2.0, 4.0)
 MASSES = (0.8, 0.6)  # factors on the mass of the double pendulum's last link
 PIECE = 3.2  # [s] pieces that the double pendulum's chaotic motion is cut into
+SO101_PIECE = 6.0  # [s] pieces of these motions, so that a part of each is held out
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ def investigate(dataset: Path, model: Path, out: Path, baseline: tuple[Path, Pat
 
     def load() -> Problem:
         problem = Problem.load(dataset, model)
-        return problem.raise_floor(Problem.load(*baseline)) if baseline else problem
+        return problem.compare_with(Problem.load(*baseline)) if baseline else problem
 
     if not (out / "report.json").exists():
         workflow.investigate_problem(load, model, out, propose=False)
@@ -129,13 +128,11 @@ def change_pendulum_mass(recordings: Path, out: Path) -> Iterator[Change]:
 
 def change_so101_recordings(recordings: Path, out: Path) -> Iterator[Change]:
     """Yield recordings of an SO-101 with the commands of a joint earlier, or with its readings shifted."""
-    folder, data = recordings / "sage_so101", out / "datasets"
-    files = {file.stem: file for file in sorted(folder.glob("*.npz")) if file.stem not in SO101_KEPT_BACK}
-    base = out / "so101_base"
-    given = import_logs(tuple(files.values()), "so101_npz", data / "so101")
+    folder, data, base = recordings / "sage_so101", out / "datasets", out / "so101_base"
+    files = [folder / f"{motion}.npz" for motion in SO101_MOTIONS]
+    given = import_logs(files, "so101_npz", data / "so101", "--cut", str(SO101_PIECE))
     investigate(given, folder / "model" / "so101_new_calib_nomesh.xml", base)
-    few = import_logs([files[stem] for stem in SO101_CHANGED], "so101_npz", data / "so101_few")
-    dataset, provenance = read(few), read_provenance(few)
+    dataset, provenance = read(given), read_provenance(given)
     assert provenance, "nas import writes it"
     for joint, size in ((joint, size) for size in range(len(SAMPLES)) for joint in dataset.joints):
         samples, angle = SAMPLES[size], float(np.radians(DEGREES[size]))
@@ -148,7 +145,7 @@ def change_so101_recordings(recordings: Path, out: Path) -> Iterator[Change]:
             target = data / name.replace(",", "").replace(" ", "_").replace("°", "deg")
             if not target.exists():
                 write(changed, target, provenance)
-            yield Change(name, target, base / MODEL, (few, base / MODEL), truth)
+            yield Change(name, target, base / MODEL, (given, base / MODEL), truth)
 
 
 def make_late(dataset: Dataset, joint: str, samples: int) -> Dataset:

@@ -56,6 +56,6 @@ def identify(
 
     def load() -> Problem:
         problem = load_one(dataset)
-        return problem if baseline is None else problem.raise_floor(load_one(baseline))
+        return problem if baseline is None else problem.compare_with(load_one(baseline))
 
     return investigate_problem(load, given, out, progress or silence, learn)

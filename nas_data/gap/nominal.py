@@ -107,6 +107,10 @@ class Nominal:
         scale_base_parameters(spec, self.base, factors)
         return spec
 
+    def with_tolerance(self, tolerance: float) -> "Nominal":
+        """Return the model with another standard deviation of the base parameters' logarithms."""
+        return replace(self, base=tuple(replace(parameter, tolerance=tolerance) for parameter in self.base))
+
     def with_edit(self, edit: Callable[[mujoco.MjSpec], None]) -> "Nominal":
         """Return the model with an edit of its spec."""
         spec, lean = self.spec.copy(), self.lean.copy()

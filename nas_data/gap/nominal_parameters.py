@@ -22,6 +22,7 @@ from nas_data.effects.edits.servo import (
 
 Kind = Literal["mass", "gain", "damping", "servo_damping", "armature", "frictionloss", "filter", "limit", "gravcomp"]
 TOLERANCE = 0.06  # standard deviation σ of a base parameter's logarithm
+FITTED_TOLERANCE = 0.01  # the same for a model that was fitted to a recording of this robot
 MORE_FRICTION = 0.02  # σ for friction above the model's, which is an effect
 MAX_LOG_CHANGE = float(np.log(1.25))  # bound; a larger change is a missing effect
 FREE_DEVIATION = 2.0  # σ of a freed parameter; published gains of one servo differ by a factor of 6
@@ -40,12 +41,14 @@ class NominalParameter:
         kind: Physical quantity.
         bodies: Bodies whose mass and inertia, or gravity compensation, it scales.
         is_free: Whether it is freed, with wide prior and bounds.
+        tolerance: Standard deviation of its logarithm, unless it is freed.
     """
 
     joint: str
     kind: Kind
     bodies: tuple[str, ...] = ()
     is_free: bool = False
+    tolerance: float = TOLERANCE
 
     def with_free_prior(self) -> "NominalParameter":
         """Return the parameter as a freed one."""
@@ -61,7 +64,8 @@ class NominalParameter:
         """Return the prior's standard deviation of its logarithm, on the side of a value."""
         if self.is_free:
             return HIGHER_LIMIT if self.kind == "limit" and logarithm > 0 else FREE_DEVIATION
-        return MORE_FRICTION if self.kind == "frictionloss" and logarithm > 0 else TOLERANCE
+        is_more_friction = self.kind == "frictionloss" and logarithm > 0
+        return min(MORE_FRICTION, self.tolerance) if is_more_friction else self.tolerance
 
     @property
     def name(self) -> str:

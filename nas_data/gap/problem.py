@@ -18,6 +18,7 @@ from nas_data.gap.finding.torque_off import keep_torque_on_and_fall
 from nas_data.gap.floor import estimate_noise_floor, measure_step_errors
 from nas_data.gap.gains import REGISTER, with_relative_gains
 from nas_data.gap.nominal import Nominal
+from nas_data.gap.nominal_parameters import FITTED_TOLERANCE
 from nas_data.gap.overlaps import Overlap, exclude_contacts, find_overlaps
 from nas_data.gap.search.objective import FitTask
 from nas_data.log import warn
@@ -44,7 +45,7 @@ class Problem:
         names: Names of dataset and model in the report.
         model_file: Robot's name or model file.
         root: Folder of the dataset; None if it is only in memory.
-        baseline: Recording before a change, with the same model; see `raise_floor`.
+        baseline: Recording before a change, and the model that describes it; see `compare_with`.
     """
 
     dataset: Dataset
@@ -65,7 +66,7 @@ class Problem:
         Args:
             dataset: Folder of the recording.
             model: Robot's name or model file.
-            baseline: Folder of a recording that `model` describes; see `raise_floor`.
+            baseline: Folder of a recording that `model` describes; see `compare_with`.
 
         Raises:
             NasError: one of them cannot be used; the message names it.
@@ -74,7 +75,7 @@ class Problem:
         recorded, _, noticed = audit_external(root, read(root))
         warn(noticed)
         problem = cls.of(recorded, model, root)
-        return problem if baseline is None else problem.raise_floor(cls.load(baseline, model))
+        return problem if baseline is None else problem.compare_with(cls.load(baseline, model))
 
     @classmethod
     def of(cls, recorded: Dataset, model: str | Path, root: Path | None) -> "Problem":
@@ -120,18 +121,20 @@ class Problem:
         fitted, judged = (FitTask(nominal, part, floor).infer_initial_loads((), {}) for part in (train, held))
         return cls(transitions, evidence, fitted, judged, as_given, tuple(overlaps.values()), names, model, root)
 
-    def raise_floor(self, baseline: "Problem") -> "Problem":
-        """Return the problem with a noise floor of at least what the model leaves unexplained in a baseline, by joint.
+    def compare_with(self, baseline: "Problem") -> "Problem":
+        """Return the problem of naming what differs from a baseline, which best has the same motions.
 
-        So only what differs from the baseline is searched and named. The baseline best has the same motions.
+        The noise floor of a joint is at least what the model leaves unexplained in the baseline, and base parameters
+        have a small tolerance, because they fit the baseline.
 
         Args:
-            baseline: Recording before a change, with the same model.
+            baseline: Recording before a change, with the model that describes it.
         """
         squares = np.concatenate([task.measure_squares() for task in (baseline.train, baseline.held)]).mean(axis=0)
         left = dict(zip(baseline.evidence.joints, np.sqrt(squares), strict=True))
         floor = np.maximum(self.train.floor, [left.get(joint, 0.0) for joint in self.evidence.joints])
-        train, held = (replace(task, floor=floor) for task in (self.train, self.held))
+        nominal = self.train.nominal.with_tolerance(FITTED_TOLERANCE)
+        train, held = (replace(task, floor=floor, nominal=nominal) for task in (self.train, self.held))
         return replace(self, train=train, held=held, baseline=baseline)
 
     @cached_property

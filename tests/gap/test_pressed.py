@@ -212,7 +212,7 @@ def test_the_file_keeps_the_given_timestep_unless_shorter_steps_predict_better(
 def test_what_a_baseline_leaves_unexplained_is_noise_of_what_is_compared_with_it(given: Problem, monkeypatch):
     """A joint that the baseline explains keeps its noise floor."""
     monkeypatch.setattr(FitTask, "measure_squares", lambda self: np.array([[0.0] * 6, [0.0, 0.03**2, *[0.0] * 4]]))
-    raised = given.raise_floor(given)
+    raised = given.compare_with(given)
     floor = given.train.floor.copy()
     floor[1] = 0.03 / np.sqrt(2)  # of two episodes, one is explained
     assert raised.train.floor == pytest.approx(floor)
@@ -222,5 +222,5 @@ def test_what_a_baseline_leaves_unexplained_is_noise_of_what_is_compared_with_it
 
 def test_the_floor_of_a_baseline_is_the_error_of_the_model_as_given(given: Problem):
     """The arm of this recording has an effect that the model lacks in m2."""
-    ratios = given.raise_floor(given).train.floor / given.train.floor
+    ratios = given.compare_with(given).train.floor / given.train.floor
     assert ratios[1] > 3
