@@ -72,7 +72,7 @@ def compose(
         seconds: Duration of the search [s].
     """
     held = problem.held
-    before, after = (compute_floor_ratios(part.squares, held.floor) for part in (outcome.before, outcome.after))
+    before, after = (compute_floor_ratios(part.squares, held.floors) for part in (outcome.before, outcome.after))
     dataset, model = problem.names
     return GapReport(
         dataset=dataset,
@@ -178,7 +178,7 @@ def measure_gap(held: FitTask, outcome: HeldOutResult, conditioning: float | Non
         "before": outcome.before, "plain": outcome.plain, "after": outcome.after, "after_model_xml": outcome.written,
     }  # fmt: skip
     squares = {name: held.evidence.mean_squares(predicted.positions).mean(0) for name, predicted in models.items()}
-    squares = {"noise_floor": held.floor**2, **squares}
+    squares = {"noise_floor": held.mean_floor**2, **squares}
 
     def pooled(places: np.ndarray) -> dict[str, float]:
         return {name: float(np.sqrt(row[places].mean())) for name, row in squares.items()}
@@ -208,7 +208,7 @@ def measure_shares(held: FitTask, outcome: HeldOutResult) -> Shares:
     if outcome.learned is not None:
         return outcome.learned.shares
     places = select_first_kind(held)
-    floor = float((held.floor[places] ** 2).mean())
+    floor = float((held.mean_floor[places] ** 2).mean())
     before, after = (
         float(held.evidence.mean_squares(predicted.positions)[:, places].mean())
         for predicted in (outcome.before, outcome.after)
@@ -258,7 +258,7 @@ def write_series(folder: Path, problem: Problem, naming: Naming, outcome: HeldOu
         "plain": outcome.plain.positions,
         "after": outcome.after.positions,
         "counts": evidence.mask,
-        "floor": held.floor,
+        "floor": held.mean_floor,
         "slides": np.array(held.nominal.slides, dtype=str),
     }
     if naming.placebo is not None:

@@ -57,18 +57,18 @@ class Delivery:
 
     def accepts(self, predicted: Prediction) -> bool:
         """Whether predictions reach the noise floor, or the better of plain fit and given model."""
-        at_floor = compute_floor_ratios(predicted.squares, self.problem.held.floor).max() <= EXPLAINED
+        at_floor = compute_floor_ratios(predicted.squares, self.problem.held.floors).max() <= EXPLAINED
         return bool(at_floor) or self.rms(predicted) <= min(self.rms(self.outcome.plain), self.rms(self.outcome.before))
 
     def rms(self, predicted: Prediction) -> float:
         """Return the held-out error over all joints, each divided by its noise floor or that of its kind."""
         held = self.problem.held
-        scales = average_by_kind(held.floor, held.evidence.joints, held.nominal.slides)
+        scales = average_by_kind(held.mean_floor, held.evidence.joints, held.nominal.slides)
         return float(np.sqrt((predicted.squares / scales**2).mean()))
 
     def rest(self, predicted: Prediction) -> float:
         """Return the RMS over joints of the held-out error over the noise floor, which one episode cannot dominate."""
-        return float(np.sqrt((compute_floor_ratios(predicted.squares, self.problem.held.floor) ** 2).mean()))
+        return float(np.sqrt((compute_floor_ratios(predicted.squares, self.problem.held.floors) ** 2).mean()))
 
     def score(self, final: FinalFit) -> HeldOutResult:
         """Write and score another model."""

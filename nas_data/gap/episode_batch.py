@@ -196,6 +196,13 @@ class EpisodeBatch:
             objects=self.objects[:, early],
         )
 
+    @property
+    def motions(self) -> np.ndarray:
+        """Standard deviation of each joint's measured positions in each episode [rad; m], shape (E, n)."""
+        counted = self.mask[..., None]
+        means = np.mean(self.measured, axis=1, where=counted, keepdims=True)
+        return np.asarray(np.sqrt(np.mean((self.measured - means) ** 2, axis=1, where=counted)))
+
     def errors(self, predicted: np.ndarray) -> np.ndarray:
         """Return predicted minus measured positions [rad; m], shape (E, T, n); 0 after an episode's end."""
         return np.where(self.mask[..., None], predicted - self.measured, 0.0)

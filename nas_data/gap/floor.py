@@ -61,8 +61,14 @@ def estimate_joint_floor(evidence: "EpisodeBatch", joint: int, most: float) -> f
 
 
 def compute_floor_ratios(squares: np.ndarray, floor: np.ndarray) -> np.ndarray:
-    """Return errors over the floor, geometric mean over episodes, from mean squares (E, n); shape (n,).
+    """Return errors over the floor, as a mean over episodes, shape (n,).
 
-    The geometric mean neither lets one diverging episode dominate nor ignores it.
+    It is √(exp(mean log(1 + r²)) − 1) of the ratios r of the episodes, the mean of the likelihood of errors. Far above
+    the floor, this is the geometric mean, so that one diverging episode does not dominate. Episodes far below the
+    floor, in which a joint rests, do not hide others.
+
+    Args:
+        squares: Mean squared errors [rad²; m²], shape (E, n).
+        floor: Noise floors [rad; m], shape (n,) or (E, n).
     """
-    return np.asarray(np.exp(0.5 * np.log(np.maximum(squares, 1e-300)).mean(axis=0)) / floor)
+    return np.asarray(np.sqrt(np.expm1(np.log1p(squares / floor**2).mean(axis=0))))

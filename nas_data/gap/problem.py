@@ -21,6 +21,7 @@ from nas_data.gap.nominal import Nominal
 from nas_data.gap.nominal_parameters import FITTED_TOLERANCE
 from nas_data.gap.overlaps import Overlap, exclude_contacts, find_overlaps
 from nas_data.gap.search.objective import FitTask
+from nas_data.gap.usual_error import UsualError
 from nas_data.log import warn
 from nas_data.pairing import check_fits, warn_of_ranges
 from nas_data.robots.base import TORQUES
@@ -124,17 +125,21 @@ class Problem:
     def compare_with(self, baseline: "Problem") -> "Problem":
         """Return the problem of naming what differs from a baseline, which best has the same motions.
 
-        The noise floor of a joint is at least what the model leaves unexplained in the baseline, and base parameters
+        Errors as large as in the baseline, for the motion of the joint in an episode, count as noise. Base parameters
         have a small tolerance, because they fit the baseline.
 
         Args:
             baseline: Recording before a change, with the model that describes it.
         """
-        squares = np.concatenate([task.measure_squares() for task in (baseline.train, baseline.held)]).mean(axis=0)
-        left = dict(zip(baseline.evidence.joints, np.sqrt(squares), strict=True))
-        floor = np.maximum(self.train.floor, [left.get(joint, 0.0) for joint in self.evidence.joints])
+        tasks = baseline.train, baseline.held
+        squares = np.concatenate([task.measure_squares() for task in tasks])
+        motions = np.concatenate([task.evidence.motions for task in tasks])
+        usual = UsualError.fit(np.sqrt(squares), motions, baseline.train.floor)
         nominal = self.train.nominal.with_tolerance(FITTED_TOLERANCE)
-        train, held = (replace(task, floor=floor, nominal=nominal) for task in (self.train, self.held))
+        train, held = (
+            replace(task, nominal=nominal, usual_error=usual.predict(task.evidence.motions))
+            for task in (self.train, self.held)
+        )
         return replace(self, train=train, held=held, baseline=baseline)
 
     @cached_property

@@ -115,7 +115,7 @@ def lengthen_timestep(problem: Problem, final: FinalFit, named: Nominal) -> Nomi
     def measure_error(nominal: Nominal) -> np.ndarray:
         evidence = nominal.infer_initial_loads(task.evidence, final.effects, dict(final.factors))
         predicted = nominal.predict(evidence, final.effects, dict(final.factors))
-        return np.sqrt((task.floor**2 + evidence.mean_squares(predicted)).mean(0))
+        return np.sqrt((task.floors**2 + evidence.mean_squares(predicted)).mean(0))
 
     candidates = [step for step in (longest, longest / 2) if step > float(named.spec.option.timestep)]
     reached = measure_error(named) if candidates else np.inf
@@ -154,9 +154,9 @@ def write_nearest(problem: Problem, final: FinalFit, folder: Path, named: Nomina
         folder: Output folder.
         named: Model without effects at the timestep to be written.
     """
-    floor, factors = problem.train.floor, dict(final.factors)
+    floors, factors = problem.train.floors, dict(final.factors)
     fitted = named.infer_initial_loads(problem.train.evidence, final.effects, factors)
-    reached = (floor**2 + fitted.mean_squares(named.predict(fitted, final.effects, factors))).mean(0)
+    reached = (floors**2 + fitted.mean_squares(named.predict(fitted, final.effects, factors))).mean(0)
 
     def write(effects: Sequence[Effect], factors: dict[str, float]) -> None:
         write_model(folder, problem.held.nominal, effects, factors, float(named.spec.option.timestep))
@@ -167,7 +167,7 @@ def write_nearest(problem: Problem, final: FinalFit, folder: Path, named: Nomina
             alone = Nominal.load(folder / MODEL, fitted).predict(fitted)
         except ModelFileError:  # it does not compile or diverges
             return np.inf
-        return float(np.sqrt((floor**2 + fitted.mean_squares(alone)).mean(0) / reached).max())
+        return float(np.sqrt((floors**2 + fitted.mean_squares(alone)).mean(0) / reached).max())
 
     tried: list[tuple[float, Sequence[Effect], dict[str, float]]] = []
     for forms in generate_written_forms(problem, final):

@@ -37,11 +37,7 @@ class ServoShutdown:
 
 
 class HookedBatch:
-    """A batch of simulations in which hooks set the friction before each physics step.
-
-    Attributes:
-        released: Whether the servos are switched off, shape (B,); the hooks read it.
-    """
+    """A batch of simulations in which hooks set the friction before each physics step."""
 
     def __init__(self, batch: mujoco.batch.Batch, hooks: Sequence[StepHook]) -> None:
         """Bind the hooks to the forces of a batch."""
@@ -49,8 +45,7 @@ class HookedBatch:
         self._own = np.tile(batch.model.dof_frictionloss, (batch.nsim, 1))
         self._friction = batch.expand("dof_frictionloss")
         self._warm = batch.bind("qacc_warmstart")
-        self.released = np.zeros(batch.nsim, bool)
-        forces = StepForces(batch.bind("actuator_force"), batch.bind("qfrc_bias"), self.released)
+        forces = StepForces(batch.bind("actuator_force"), batch.bind("qfrc_bias"))
         self._hooks = [hook(forces) for hook in hooks]
 
     def refresh(self, rows: np.ndarray | None = None) -> None:
@@ -96,12 +91,12 @@ def roll_out_with_hooks(
     control = batch.bind("ctrl")
     disabled = batch.expand("opt.disableactuator") if shutdown else None
     batch.state[:] = states
-    hooked.released[:] = switch_off_servos(disabled, model, shutdown, 0)
+    switch_off_servos(disabled, model, shutdown, 0)
     hooked.refresh()
     ends = np.empty((*controls.shape[:2], 1 + model.nq + model.nv))
     for step in range(controls.shape[1]):
         control[:] = controls[:, step]
-        hooked.released[:] = switch_off_servos(disabled, model, shutdown, step)
+        switch_off_servos(disabled, model, shutdown, step)
         hooked.step(substeps)
         ends[:, step] = batch.state[:, : ends.shape[2]]
     return ends
@@ -109,14 +104,8 @@ def roll_out_with_hooks(
 
 def switch_off_servos(
     disabled: np.ndarray | None, model: mujoco.MjModel, shutdown: ServoShutdown | None, step: int
-) -> np.ndarray | bool:
-    """Switch off the servos of simulations whose shutdown is due.
-
-    Returns:
-        Which simulations are switched off, shape (B,); False without a shutdown.
-    """
-    if disabled is None or shutdown is None:
-        return False
-    off = shutdown.steps <= step
-    disabled[:] = np.where(off, model.opt.disableactuator, shutdown.disabled_before).reshape(disabled.shape)
-    return off
+) -> None:
+    """Switch off the servos of simulations whose shutdown is due."""
+    if disabled is not None and shutdown is not None:
+        off = shutdown.steps <= step
+        disabled[:] = np.where(off, model.opt.disableactuator, shutdown.disabled_before).reshape(disabled.shape)

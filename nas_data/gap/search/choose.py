@@ -55,6 +55,8 @@ def choose(search: Search) -> Choice:
     if 0 < search.count_unexplained(plain) <= SIMPLE_SIZE:
         search.return_to(first)
         early = search_up(search, search.null)
+        if not is_explained(search, early):
+            early = search.relinearise(early)  # its last drop may have left it unconverged
         free = search.rescore(plain)
         if is_explained(search, early) and early.score < free.fit.loss + free.heldout_misfit:
             finished = search.current_round

@@ -13,6 +13,7 @@ GAIN_SHARE = 0.5  # of a gain: by which one end must lead, or a first-order esti
 
 # Held-out error of a joint [noise floors]
 AT_FLOOR = 1.15  # below it, a joint needs no effect
+AT_USUAL_ERROR = 1.05  # the same beside a baseline, of which each joint has 1 on average
 EXPLAINED = 1.5  # below it, a joint is explained
 FAR_ABOVE = 5.0  # above it, a joint is far from explained
 EXCITED_RATIO = 10.0  # a joint that moves further than this in an episode is excited

@@ -78,6 +78,7 @@ class FitTask:
         coarse_model: Model with a longer timestep for rollouts; None for the model's own.
         fine: Whether the recording is assumed to have finer physics steps than the model.
         tolerated_error: Part of the tolerance beyond the noise floor [rad; m], shape (n,).
+        usual_error: Error of the model without the change that is to be named [rad; m], shape (E, n), or 0.
         moved_by_base: Joints that bounded base parameters move, by parameter, if known.
         moved_by_joint: Joints that effects and freed parameters move, by their joint, if known.
         start_response: Response to the initial states; None if all are certain, or none was measured.
@@ -91,6 +92,7 @@ class FitTask:
     correction: np.ndarray | float = 0.0
     coarse_model: Nominal | None = field(default=None, compare=False)
     tolerated_error: np.ndarray | float = 0.0
+    usual_error: np.ndarray | float = 0.0
     fine: bool = True
     moved_by_base: MovedJoints = field(default_factory=dict, compare=False)
     moved_by_joint: MovedJoints = field(default_factory=dict, compare=False)
@@ -101,12 +103,13 @@ class FitTask:
     def select(self, episodes: Sequence[int] | np.ndarray) -> "FitTask":
         """Return the task with some of its episodes."""
         chosen = list(episodes)
-        correction, weights = (
-            rows if isinstance(rows, float) else rows[chosen] for rows in (self.correction, self.row_weights)
+        correction, weights, usual = (
+            rows if isinstance(rows, float) else rows[chosen]
+            for rows in (self.correction, self.row_weights, self.usual_error)
         )
         response = self.start_response and self.start_response.select(chosen)
         part = replace(self, evidence=self.evidence.select(chosen), correction=correction, start_response=response)
-        return replace(part, row_weights=weights).with_new_objective()
+        return replace(part, row_weights=weights, usual_error=usual).with_new_objective()
 
     def with_tolerance_of(self, other: "FitTask") -> "FitTask":
         """Return the task with tolerance and objective of another, so that their misfits can be added."""
@@ -135,9 +138,20 @@ class FitTask:
         return bool(np.any(np.less(self.row_weights, 1.0)))
 
     @property
+    def floors(self) -> np.ndarray:
+        """Noise floor of each joint, usual error included [rad; m], by episode, shape (E, n)."""
+        shape = len(self.evidence), len(self.floor)
+        return np.asarray(np.broadcast_to(np.sqrt(self.floor**2 + self.usual_error**2), shape))
+
+    @property
+    def mean_floor(self) -> np.ndarray:
+        """Root mean square over episodes of `floors` [rad; m], shape (n,)."""
+        return np.asarray(np.sqrt((self.floors**2).mean(axis=0)))
+
+    @property
     def tolerance(self) -> np.ndarray:
-        """Tolerance τ² of each joint's mean squared error [rad²; m²], shape (n,)."""
-        return np.asarray(self.floor**2 + self.tolerated_error**2)
+        """Tolerance τ² of each joint's mean squared error [rad²; m²], by episode, shape (E, n)."""
+        return np.asarray(self.floors**2 + self.tolerated_error**2)
 
     def relinearise(self, parameters: FreeParameters, theta: np.ndarray) -> "FitTask":
         """Return the task with initial states, timestep correction and tolerance estimated at a hypothesis.

@@ -14,7 +14,7 @@ from nas_data.effects.edits.servo import read_servo_stiffness
 from nas_data.effects.joint_offset import JointOffset
 from nas_data.gap.episode_batch import cut_windows
 from nas_data.gap.nominal_parameters import MAX_LOG_CHANGE, NominalParameter, read_own_value
-from nas_data.gap.search.constants import AT_FLOOR, ERROR_SHARE, MAX_ALTERNATIVES, PRICE, SHORT_WINDOW
+from nas_data.gap.search.constants import ERROR_SHARE, MAX_ALTERNATIVES, PRICE, SHORT_WINDOW
 from nas_data.gap.search.fit import Fit, find_label_joint, fit, group_moved_joints, is_effect_or_freed
 from nas_data.gap.search.hypothesis import Description, Hypothesis, effect_key, reuse_jacobian
 from nas_data.gap.search.objective import FitTask
@@ -81,7 +81,7 @@ def refine_smooth(search: Search, plain: Hypothesis) -> Hypothesis:
 
     The search continues with the objective of the fit.
     """
-    if plain is search.null or search.floor_ratios(plain).max() <= AT_FLOOR:
+    if plain is search.null or search.floor_ratios(plain).max() <= search.at_floor:
         return plain
     plain = search.relinearise(plain)
     search.report("plain fit", plain)
@@ -200,7 +200,7 @@ def add_limits(search: Search, plain: Hypothesis) -> Hypothesis:
 
     The search is at the objective of the fit.
     """
-    if plain is search.null or search.floor_ratios(plain).max() <= AT_FLOOR:
+    if plain is search.null or search.floor_ratios(plain).max() <= search.at_floor:
         return plain
     half = np.arange(0, len(search.task.evidence), 2)
     task = search.task.select(half)

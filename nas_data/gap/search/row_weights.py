@@ -79,5 +79,5 @@ def compute_row_weights(task: FitTask, rollouts: Sequence[np.ndarray]) -> np.nda
     centre, *others = rollouts
     spread = np.sqrt(np.mean([(other - centre) ** 2 for other in others or [centre]], axis=0))
     squares = np.where(task.evidence.mask[..., None], task.evidence.errors(centre) ** 2, np.nan)
-    limit = np.sqrt(task.tolerance + np.nanmedian(squares, axis=1, keepdims=True))
+    limit = np.sqrt(task.tolerance[:, None] + np.nanmedian(squares, axis=1, keepdims=True))
     return np.minimum(1.0, limit / np.maximum(spread, 1e-12))

@@ -9,6 +9,7 @@ from nas_data.effects.base import Effect, Scales
 from nas_data.gap.floor import compute_floor_ratios
 from nas_data.gap.search.constants import (
     AT_FLOOR,
+    AT_USUAL_ERROR,
     EXPLAINED,
     FAR_ABOVE,
     FAR_BEHIND,
@@ -114,6 +115,7 @@ class Search:
         self.measured_at: np.ndarray
         self.scales: tuple[Scales, ...] = ()
         self.excited: set[str] = set()
+        self.at_floor = AT_USUAL_ERROR if np.any(self.train.usual_error) else AT_FLOOR
 
     def evaluate(self, description: Description, found: Fit, held: FitTask | None = None) -> Hypothesis:
         """Return a fit as a hypothesis with held-out errors, by default with the initial states of the search."""
@@ -308,7 +310,7 @@ class Search:
 
     def floor_ratios(self, hypothesis: Hypothesis) -> np.ndarray:
         """Return the held-out error over the noise floor, geometric mean over episodes, shape (n,)."""
-        return compute_floor_ratios(hypothesis.heldout, self.held.floor)
+        return compute_floor_ratios(hypothesis.heldout, self.held.floors)
 
     def count_unexplained(self, hypothesis: Hypothesis) -> int:
         """Return the number of excited joints whose held-out error is far above the floor."""
@@ -318,7 +320,7 @@ class Search:
     def find_joints_above_floor(self, hypothesis: Hypothesis) -> set[str]:
         """Return the excited joints above their floor or with base parameters beyond their prior."""
         errors = zip(self.train.nominal.joints, self.floor_ratios(hypothesis), strict=True)
-        above = {joint for joint, ratio in errors if ratio > AT_FLOOR}
+        above = {joint for joint, ratio in errors if ratio > self.at_floor}
         return (above | find_joints_beyond_prior(hypothesis)) & self.excited
 
     def report(self, word: str, h: Hypothesis) -> None:
@@ -335,7 +337,7 @@ def choose_episodes(task: FitTask) -> np.ndarray:
     count, steps = task.evidence.commands.shape[:2]
     wanted = max(SEARCH_EPISODES, SEARCH_ROWS // steps)
     even = np.unique(np.linspace(0, count - 1, min(count, wanted)).round().astype(int))
-    squares = task.floor**2 + task.evidence.mean_squares(task.nominal.predict(task.evidence))
+    squares = task.floors**2 + task.evidence.mean_squares(task.nominal.predict(task.evidence))
     oddness = np.sqrt((squares / np.median(squares, axis=0)).max(axis=1))
     oddness[even] = 0.0
     odd = [episode for episode in np.argsort(-oddness)[:MAX_LEADERS] if oddness[episode] > ODD_ERROR]

@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 
 from nas_data.effects.base import Effect, make_effect
-from nas_data.gap.search.constants import AT_FLOOR, MAX_ROUNDS, PRICE
+from nas_data.gap.search.constants import MAX_ROUNDS, PRICE
 from nas_data.gap.search.fit import Fit, fit
 from nas_data.gap.search.hypothesis import Hypothesis, reuse_jacobian
 from nas_data.gap.search.objective import FitTask
@@ -28,7 +28,7 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
         h: Hypothesis; returned unchanged if it has no delay or every joint is explained.
     """
     timestep = float(search.train.nominal.spec.option.timestep)
-    if search.floor_ratios(h).max() <= AT_FLOOR or not list(generate_shifts(h.effects, timestep)):
+    if search.floor_ratios(h).max() <= search.at_floor or not list(generate_shifts(h.effects, timestep)):
         return h
     now = search.task.reestimate(h.fit.parameters, h.fit.theta)
     own = replace(now, fine=False).reestimate(h.fit.parameters, h.fit.theta).with_own_timestep().with_tolerance_of(now)

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from nas_data.gap.search.constants import AT_FLOOR, FAR_BEHIND, LARGE_SIZE, MAX_ALTERNATIVES
+from nas_data.gap.search.constants import FAR_BEHIND, LARGE_SIZE, MAX_ALTERNATIVES
 from nas_data.gap.search.hypothesis import Hypothesis, can_free_base_parameter, effect_key, find_joints_beyond_prior
 from nas_data.gap.search.moves.add import add_candidate
 from nas_data.gap.search.screen import Candidate
@@ -46,7 +46,9 @@ def find_doubtful(search: Search, h: Hypothesis) -> list[int]:
         find_joints_beyond_prior(h),
     )
     own = [(rest.get(effect.joint or "", 0.0), effect.joint, number) for number, effect in enumerate(h.effects)]
-    above = [(left, number) for left, joint, number in own if left > AT_FLOOR or joint in bent or (bent and not joint)]
+    above = [
+        (left, number) for left, joint, number in own if left > search.at_floor or joint in bent or (bent and not joint)
+    ]
     return [
         number for _, number in sorted(above, reverse=True)[: MAX_ALTERNATIVES if len(h.effects) <= LARGE_SIZE else 1]
     ]
