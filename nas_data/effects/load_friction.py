@@ -17,19 +17,18 @@ from nas_data.mjcf.actuator_lookup import compute_leverage, find_servo_actuators
 
 @dataclass(frozen=True, kw_only=True)
 class LoadFriction(Effect):
-    """Friction proportional to the torque that a gear transmits, because load increases the contact forces of gears.
+    """Friction proportional to the torque of the joint's actuator, because load increases the contact forces of gears.
 
-    A servo that holds a load presses its gears from both sides. Where friction alone carries the load, as at rest with
-    a servo that is off or near its goal, only the load presses them, half as much. In simulation a hook sets the
-    friction before each physics step from the torques of the previous step. A model file expresses the same friction,
-    where the servo presses more than the load, by a pad (`PressedFriction`).
+    A servo that holds a load presses its gears from both sides. Switched off, only the load presses them, half as much.
+    In simulation a hook sets the friction before each physics step from the torques of the previous step. A model file
+    expresses the same friction, while the servo is on, by a pad that the servo presses (`PressedFriction`).
     """
 
     ratio: float
 
     parameters: ClassVar = (Parameter("ratio", "", 0.0, 0.9, 0.0),)
     in_model: ClassVar = False
-    equation: ClassVar = "friction = ratio · max(|torque of the servo|, |load| / 2) · sign(dq/dt)"
+    equation: ClassVar = "friction = ratio · |torque of the servo| · sign(dq/dt); switched off, ratio / 2 · |load|"
     source: ClassVar = "Rhoban/bam, friction model M3, K_l · |τ_m − τ_ext| with τ_ext = −τ_m, or τ_m = 0; ratio = 2 K_l"
     signature: ClassVar = "A jump at every reversal that grows with load: large in heavy postures, none where unloaded."
     confused_with: ClassVar = ("coulomb_friction", "stribeck_friction", "backlash", "torque_limit")
@@ -74,15 +73,15 @@ class LoadFriction(Effect):
         def bind(step: StepForces) -> Callable[[], np.ndarray]:
             # this runs before every physics step: operating in place on all dofs, with tables as large as the batch,
             # takes a third of the time of indexing and broadcasting
-            load, carried = np.empty(step.bias.shape), np.empty(step.bias.shape)
+            load = np.empty(step.bias.shape)
             largest, shares = np.broadcast_to(most, load.shape).copy(), np.broadcast_to(ratios, load.shape).copy()
 
             def friction() -> np.ndarray:
                 np.dot(step.force, levers, out=load)
                 np.abs(load, out=load)
                 np.minimum(load, largest, out=load)
-                np.multiply(np.abs(step.bias, out=carried), 0.5, out=carried)
-                np.maximum(load, carried, out=load)
+                if np.count_nonzero(step.released):
+                    load[step.released] = 0.5 * np.abs(step.bias[step.released])
                 return np.multiply(load, shares, out=load)
 
             return friction

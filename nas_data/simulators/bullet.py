@@ -128,7 +128,11 @@ class BulletArm:
         self.servo_model = copy_without_constraints(self.model)
         goals = find_goal_joints(self.model)
         self.goal_qpos, self.goal_dof = self.model.jnt_qposadr[goals], self.model.jnt_dofadr[goals]
-        forces = StepForces(force=self.servos.actuator_force[None], bias=self.servos.qfrc_bias[None])
+        forces = StepForces(
+            force=self.servos.actuator_force[None],
+            bias=self.servos.qfrc_bias[None],
+            released=np.zeros(1, bool),
+        )
         self.hooks = [hook(forces) for hook in simulator.hooks]
         self.projection = Projection.of(self.model)
         self.stops = YieldingStops(self.model)

@@ -37,7 +37,11 @@ class ServoShutdown:
 
 
 class HookedBatch:
-    """A batch of simulations in which hooks set the friction before each physics step."""
+    """A batch of simulations in which hooks set the friction before each physics step.
+
+    Attributes:
+        released: Whether the servos are switched off, shape (B,); the hooks read it.
+    """
 
     def __init__(self, batch: mujoco.batch.Batch, hooks: Sequence[StepHook]) -> None:
         """Bind the hooks to the forces of a batch."""
@@ -45,7 +49,8 @@ class HookedBatch:
         self._own = np.tile(batch.model.dof_frictionloss, (batch.nsim, 1))
         self._friction = batch.expand("dof_frictionloss")
         self._warm = batch.bind("qacc_warmstart")
-        forces = StepForces(batch.bind("actuator_force"), batch.bind("qfrc_bias"))
+        self.released = np.zeros(batch.nsim, bool)
+        forces = StepForces(batch.bind("actuator_force"), batch.bind("qfrc_bias"), self.released)
         self._hooks = [hook(forces) for hook in hooks]
 
     def refresh(self, rows: np.ndarray | None = None) -> None:
@@ -91,12 +96,12 @@ def roll_out_with_hooks(
     control = batch.bind("ctrl")
     disabled = batch.expand("opt.disableactuator") if shutdown else None
     batch.state[:] = states
-    switch_off_servos(disabled, model, shutdown, 0)
+    hooked.released[:] = switch_off_servos(disabled, model, shutdown, 0)
     hooked.refresh()
     ends = np.empty((*controls.shape[:2], 1 + model.nq + model.nv))
     for step in range(controls.shape[1]):
         control[:] = controls[:, step]
-        switch_off_servos(disabled, model, shutdown, step)
+        hooked.released[:] = switch_off_servos(disabled, model, shutdown, step)
         hooked.step(substeps)
         ends[:, step] = batch.state[:, : ends.shape[2]]
     return ends
@@ -104,8 +109,14 @@ def roll_out_with_hooks(
 
 def switch_off_servos(
     disabled: np.ndarray | None, model: mujoco.MjModel, shutdown: ServoShutdown | None, step: int
-) -> None:
-    """Switch off the servos of simulations whose shutdown is due."""
-    if disabled is not None and shutdown is not None:
-        off = shutdown.steps <= step
-        disabled[:] = np.where(off, model.opt.disableactuator, shutdown.disabled_before).reshape(disabled.shape)
+) -> np.ndarray | bool:
+    """Switch off the servos of simulations whose shutdown is due.
+
+    Returns:
+        Which simulations are switched off, shape (B,); False without a shutdown.
+    """
+    if disabled is None or shutdown is None:
+        return False
+    off = shutdown.steps <= step
+    disabled[:] = np.where(off, model.opt.disableactuator, shutdown.disabled_before).reshape(disabled.shape)
+    return off

@@ -131,22 +131,6 @@ def test_many_simulations_with_a_hook_equal_one_by_one(tmp_path):
 FRICTIONS = (("m5", 0.1), ("m2", 0.3), ("m5", 0.2))  # one of them twice
 
 
-@pytest.mark.parametrize(
-    ("servo", "weight", "friction"), [(0.2, 0.1, 0.06), (-0.2, 0.5, 0.075), (0.02, 0.1, 0.015), (0.0, -0.1, 0.015)]
-)
-def test_a_gear_is_loaded_by_the_servo_or_half_by_what_friction_carries(servo: float, weight: float, friction: float):
-    """A ratio of 0.3, with torques of servo and weight in N·m."""
-    robot = find_robot("ergojr")
-    drag = make_effect("load_friction", "m2", {"ratio": 0.3})
-    spec = mujoco.MjSpec.from_file(str(robot.mjcf))
-    add_effects(spec, [drag])
-    model = spec.compile()
-    (hook,) = find_hooks([drag], model)
-    force, bias = np.full((1, model.nout), servo), np.full((1, model.nv), weight)
-    added = hook(StepForces(force, bias))()
-    assert added[0] == pytest.approx([0.0, friction, *np.zeros(model.nv - 2)])
-
-
 def test_joints_share_a_hook_and_keep_their_own_friction():
     """Powered or not, each joint gets from the one hook of its kind what a hook of its own would add."""
     robot = find_robot("ergojr")
@@ -156,10 +140,10 @@ def test_joints_share_a_hook_and_keep_their_own_friction():
     model = spec.compile()
     rng = np.random.default_rng(0)
     force, bias = rng.uniform(-0.5, 0.5, (4, model.nout)), rng.uniform(-0.5, 0.5, (4, model.nv))
-    for powered in (np.ones((4, 1)), np.array([[0.0], [1.0], [1.0], [0.0]])):
+    for released in (np.zeros(4, bool), np.array([True, False, False, True])):
         (shared,) = find_hooks(effects, model)
         alone = [hook for effect in effects for hook in find_hooks([effect], model)]
-        forces = StepForces(powered * force, bias)
+        forces = StepForces(force, bias, released)
         together = shared(forces)()
         assert together == pytest.approx(sum(hook(forces)() for hook in alone), rel=1e-12)
         assert (together > 0).sum() == 8

@@ -19,7 +19,6 @@ from nas_data.gap.problem import Problem
 from nas_data.gap.score_model import HeldOutResult, Prediction, predict_episodes, score_model
 from nas_data.gap.search.final import FinalFit
 from nas_data.gap.search.hypothesis import Description
-from nas_data.gap.search.objective import FitTask
 from nas_data.robots import ergojr
 from nas_data.runs.progress import silence
 
@@ -207,20 +206,3 @@ def test_the_file_keeps_the_given_timestep_unless_shorter_steps_predict_better(
     own, fine = float(nominal.spec.option.timestep), find_fine_timestep(nominal)
     assert fine < own
     assert mujoco.MjModel.from_xml_path(str(found.model)).opt.timestep == pytest.approx(own if is_own else fine)
-
-
-def test_what_a_baseline_leaves_unexplained_is_noise_of_what_is_compared_with_it(given: Problem, monkeypatch):
-    """A joint that the baseline explains keeps its noise floor."""
-    monkeypatch.setattr(FitTask, "measure_squares", lambda self: np.array([[0.0] * 6, [0.0, 0.03**2, *[0.0] * 4]]))
-    raised = given.compare_with(given)
-    floor = given.train.floor.copy()
-    floor[1] = 0.03 / np.sqrt(2)  # of two episodes, one is explained
-    assert raised.train.floor == pytest.approx(floor)
-    assert raised.held.floor == pytest.approx(floor)
-    assert raised.baseline is given
-
-
-def test_the_floor_of_a_baseline_is_the_error_of_the_model_as_given(given: Problem):
-    """The arm of this recording has an effect that the model lacks in m2."""
-    ratios = given.compare_with(given).train.floor / given.train.floor
-    assert ratios[1] > 3

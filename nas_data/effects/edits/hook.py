@@ -14,10 +14,12 @@ class StepForces:
     Attributes:
         force: Force of each actuator in the last step [N·m], shape (B, outputs).
         bias: Gravity, Coriolis and centrifugal torques in the last step (`qfrc_bias`) [N·m], shape (B, nv).
+        released: Whether the servos are switched off, shape (B,).
     """
 
     force: np.ndarray
     bias: np.ndarray
+    released: np.ndarray
 
 
 # A hook is called once with the forces of a batch. It returns the function that runs before each physics step. That
