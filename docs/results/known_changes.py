@@ -34,6 +34,7 @@ XL330_MODEL_GAIN = 400  # P gain of docs/results/xl330.xml
 SO101_MOTIONS = ("figure_eight", "multisine")
 SAMPLES, DEGREES = (1, 2, 3), (1.0, 2.0, 4.0)
 MASSES = (0.8, 0.6)  # factors on the mass of the double pendulum's last link
+LEAST_FRICTION = 0.001  # [N·m; N·m·s/rad] below which a joint of the named model has none
 PIECE = 3.2  # [s] pieces that the double pendulum's chaotic motion is cut into
 SO101_PIECE = 6.0  # [s] pieces of these motions, so that a part of each is held out
 
@@ -108,22 +109,38 @@ def change_servo_gains(recordings: Path, out: Path) -> Iterator[Change]:
         yield Change(f"XL330: P gain {given} to {changed}", logs[changed], model, (logs[given], model), truth)
 
 
-def change_pendulum_mass(recordings: Path, out: Path) -> Iterator[Change]:
-    """Yield recordings of the double pendulum, with named models whose last link is lighter than it was."""
+def change_pendulum_model(recordings: Path, out: Path) -> Iterator[Change]:
+    """Yield recordings of the double pendulum, with named models that lack a part of a mass, or a joint's friction."""
     folder, base = recordings / "dfki_double_pendulum", out / "pendulum_base"
     files = sorted(folder.glob("*.csv"))
     dataset = import_logs(files, folder / "map.toml", out / "datasets" / "pendulum", "--cut", str(PIECE))
     investigate(dataset, folder / "model.xml", base)
+    spec = mujoco.MjSpec.from_file(str(base / MODEL))
+
+    def change(name: str, edit: Callable[[mujoco.MjSpec], None], truth: Effect) -> Change:
+        model = write_changed_model(base / MODEL, edit, out / "models" / f"{name.replace(' ', '_')}.xml")
+        return Change(f"double pendulum: {name}", dataset, model, (dataset, base / MODEL), truth)
+
     for factor in MASSES:
-        mass = mujoco.MjModel.from_xml_path(str(base / MODEL)).body_mass[-1]
 
-        def lighten(spec: mujoco.MjSpec, factor: float = factor) -> None:
-            body = spec.bodies[-1]
-            body.mass, body.inertia = factor * body.mass, factor * np.array(body.inertia)
+        def lighten(edited: mujoco.MjSpec, factor: float = factor) -> None:
+            edited.bodies[-1].mass *= factor
 
-        model = write_changed_model(base / MODEL, lighten, out / "models" / f"pendulum_{factor}.xml")
-        truth = make_effect("payload", None, {"mass": (1 - factor) * float(mass)})
-        yield Change(f"double pendulum: last link × {factor:g}", dataset, model, (dataset, base / MODEL), truth)
+        truth = make_effect("payload", None, {"mass": (1 - factor) * float(spec.bodies[-1].mass)})
+        yield change(f"mass of the last link × {factor:g}", lighten, truth)
+    for joint in spec.joints:
+        for attribute, effect, parameter in (
+            ("damping", "viscous_friction", "coefficient"),
+            ("frictionloss", "coulomb_friction", "torque"),
+        ):
+
+            def remove(edited: mujoco.MjSpec, name: str = joint.name, attribute: str = attribute) -> None:
+                setattr(edited.joint(name), attribute, 0.0 * np.asarray(getattr(edited.joint(name), attribute)))
+
+            size = float(np.ravel(getattr(joint, attribute))[0])
+            if size > LEAST_FRICTION:
+                truth = make_effect(effect, joint.name, {parameter: size})
+                yield change(f"no {attribute} of {joint.name}", remove, truth)
 
 
 def change_so101_recordings(recordings: Path, out: Path) -> Iterator[Change]:
@@ -189,7 +206,7 @@ def grade(change: Change, report: GapReport) -> dict[str, object]:
 
 SOURCES: Sequence[Callable[[Path, Path], Iterator[Change]]] = (
     change_servo_gains,
-    change_pendulum_mass,
+    change_pendulum_model,
     change_so101_recordings,
 )
 
