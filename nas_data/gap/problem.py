@@ -12,7 +12,7 @@ from nas_data.dataset.external import audit_external
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import VERSION, resolve
-from nas_data.errors import DatasetInvalid
+from nas_data.errors import DatasetInvalid, JointMismatch
 from nas_data.gap.episode_batch import EpisodeBatch, cut_windows, split_episodes
 from nas_data.gap.finding.torque_off import keep_torque_on_and_fall
 from nas_data.gap.floor import estimate_noise_floor, measure_step_errors
@@ -130,7 +130,16 @@ class Problem:
 
         Args:
             baseline: Recording before a change, with the model that describes it.
+
+        Raises:
+            JointMismatch: it has other joints.
         """
+        joints, before = self.evidence.joints, baseline.evidence.joints
+        if joints != before:
+            raise JointMismatch(
+                f"The baseline {baseline.root or 'dataset'} has the joints {', '.join(before)}, and the recording "
+                f"{', '.join(joints)}: give a baseline with the same joints, in the same order."
+            )
         tasks = baseline.train, baseline.held
         squares = np.concatenate([task.measure_squares() for task in tasks])
         motions = np.concatenate([task.evidence.motions for task in tasks])

@@ -8,6 +8,7 @@ import pytest
 
 from nas_data.api.gap import identify
 from nas_data.cli import main
+from nas_data.errors import JointMismatch
 from nas_data.gap.floor import compute_floor_ratios
 from nas_data.gap.nominal_parameters import FITTED_TOLERANCE
 from nas_data.gap.problem import Problem
@@ -67,6 +68,17 @@ def test_only_what_differs_from_the_baseline_is_named(before: Path, after: Path,
 def test_the_baseline_itself_has_no_gap(before: Path, described: Path, tmp_path: Path):
     report = identify(before, described, out=tmp_path / "gap", baseline=before)
     assert report.verdict == "none" and not report.effects
+
+
+def test_a_baseline_has_the_joints_of_the_recording(before: Path, capsys: pytest.CaptureFixture[str]):
+    other = before.parent / "other"
+    assert main(["record", "sim", "--robot", "ergojr", "--episodes", "2", "--seconds", "1", "--out", str(other)]) == 0
+    command = ["gap", str(before), "--model", "pendulum", "--baseline", str(other), "--out", str(before.parent / "no")]
+    assert main(command) != 0
+    assert "'m1'" in capsys.readouterr().err
+    compared = Problem.load(before, "pendulum")
+    with pytest.raises(JointMismatch, match="same joints"):
+        compared.compare_with(Problem.load(other, "ergojr"))
 
 
 def test_the_usual_error_grows_with_the_motion_and_is_no_less_than_noise():
