@@ -24,7 +24,8 @@ ROBOTS = {  # name in the table: on the page
 METHODS = ("given model", "plain fit", "names", "names / plain fit")
 CHANGES = {  # beginning of the names of known changes: on the page
     "XL330": "XL330: position gain, one register to another of 100, 200, 400 and 800",
-    "double pendulum": "double pendulum: mass of the last link in the model",
+    "double pendulum: mass": "double pendulum: mass of the last link in the model",
+    "double pendulum: no": "double pendulum: friction of a joint in the model",
     "SO-101, commands": "SO-101: commands of a joint 1, 2 or 3 samples late",
     "SO-101, readings": "SO-101: readings of a joint 1°, 2° or 4° larger",
 }
@@ -99,7 +100,7 @@ class Robots:
             (commit,) = {row["commit"] for row in kinds[kind]}
             rows.append([words, *count_changes(kinds[kind]), f"`{commit}`"])
         return markdown_table(
-            ["change", "made", "named", "size within 15 %", "interval holds the size", "commit"], rows
+            ["change", "made", "named", "size within 15 %", "interval holds the size", "wrong names", "commit"], rows
         )
 
     def missed_table(self) -> str:
@@ -110,6 +111,11 @@ class Robots:
                 found = number(float(row["found"]), 3) if row["found"] else "–"
                 rows.append([row["change"], number(float(row["size"]), 3), found, row["confidence"] or "–"])
         return markdown_table(["change", "true", "found", "confidence"], rows)
+
+    def surest_wrong(self) -> str:
+        """Return the largest confidence of a name that is no change."""
+        beside = [name for row in self._changes if row["beside"] for name in row["beside"].split("; ")]
+        return max((name.rsplit(" ", 1)[1] for name in beside), default="–")
 
     def changes_right(self) -> str:
         """Return the number of changes named with a size within 15 %, of all."""
@@ -126,10 +132,14 @@ def is_near(row: Row) -> bool:
 
 
 def count_changes(rows: Sequence[Row]) -> list[str]:
-    """Return the numbers of changes: made, named, with a size within 15 %, with an interval that holds the size."""
+    """Return the numbers of changes made, named, with a size within 15 % and with an interval that holds the size.
+
+    The last number is that of the names that are no change.
+    """
     named = [row for row in rows if row["found"]]
     held = [row for row in named if float(row["low"]) <= float(row["size"]) <= float(row["high"])]
-    return [str(len(part)) for part in (rows, named, list(filter(is_near, rows)), held)]
+    beside = [name for row in rows if row["beside"] for name in row["beside"].split("; ")]
+    return [str(len(part)) for part in (rows, named, list(filter(is_near, rows)), held, beside)]
 
 
 def degrees(error: float | None) -> str:

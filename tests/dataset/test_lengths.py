@@ -139,7 +139,7 @@ def test_a_choice_among_models_is_not_the_hinges_alone():
     good_slide, good_hinges = np.array([[3e-3, 3e-3, 1e-5]]) ** 2, np.array([[2e-3, 2e-3, 5e-3]]) ** 2
     one, other = (Prediction(np.empty(0), squares) for squares in (good_slide, good_hinges))
     held = SimpleNamespace(
-        floor=floor, evidence=SimpleNamespace(joints=("j", "k", "g")), nominal=SimpleNamespace(slides=slides)
+        mean_floor=floor, evidence=SimpleNamespace(joints=("j", "k", "g")), nominal=SimpleNamespace(slides=slides)
     )
     choice = Delivery(SimpleNamespace(held=held), None, Path(), None)
     assert choice.rms(one) < choice.rms(other)
