@@ -7,7 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations
+from itertools import permutations, product
 from pathlib import Path
 
 import mujoco
@@ -31,7 +31,7 @@ TABLE = "known_changes.csv"  # in the folder of the results
 POSITIONS = ("observation.state", "next.observation.state")
 GAINS = (100, 200, 400, 800)  # P gains of the XL330 logs
 XL330_MODEL_GAIN = 400  # P gain of docs/results/xl330.xml
-SO101_MOTIONS = ("figure_eight", "multisine")
+SO101_MOTIONS = ("figure_eight", "multisine", "step_response", "triangle_wave")
 SAMPLES, DEGREES = (1, 2, 3), (1.0, 2.0, 4.0)
 MASSES = (0.8, 0.6)  # factors on the mass of the double pendulum's last link
 LEAST_FRICTION = 0.001  # [N·m; N·m·s/rad] below which a joint of the named model has none
@@ -151,7 +151,8 @@ def change_so101_recordings(recordings: Path, out: Path) -> Iterator[Change]:
     investigate(given, folder / "model" / "so101_new_calib_nomesh.xml", base)
     dataset, provenance = read(given), read_provenance(given)
     assert provenance, "nas import writes it"
-    for joint, size in ((joint, size) for size in range(len(SAMPLES)) for joint in dataset.joints):
+    turns = product(range(len(SAMPLES)), enumerate(dataset.joints))  # an unfinished run has all sizes and joints
+    for joint, size in ((joint, (turn + place) % len(SAMPLES)) for turn, (place, joint) in turns):
         samples, angle = SAMPLES[size], float(np.radians(DEGREES[size]))
         for name, changed, truth in (
             (f"SO-101, commands of {joint} {samples} samples late", make_late(dataset, joint, samples),
