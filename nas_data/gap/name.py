@@ -9,6 +9,7 @@ from threadpoolctl import threadpool_limits
 from nas_data.effects.base import Effect
 from nas_data.gap.confidence import Support, compute_closeness, measure_support
 from nas_data.gap.search.choose import choose
+from nas_data.gap.search.contrast import Contrast
 from nas_data.gap.search.final import FinalFit, fit_final
 from nas_data.gap.search.firm_friction import make_friction_firm
 from nas_data.gap.search.hypothesis import Description, Hypothesis, effect_key
@@ -106,15 +107,21 @@ class Naming:
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # idle BLAS threads would occupy cores of the rollouts
-def name(train: FitTask, held: FitTask, say: Callable[[str], None] = lambda text: None) -> Naming:
+def name(
+    train: FitTask,
+    held: FitTask,
+    say: Callable[[str], None] = lambda text: None,
+    contrast: Contrast | None = None,
+) -> Naming:
     """Search for missing effects and assess every name.
 
     Args:
         train: Model and training episodes.
         held: Model and held-out episodes.
         say: Receives progress messages.
+        contrast: Recording without the change to be named, if there is one.
     """
-    search = Search.begin(train, held, say)
+    search = Search.begin(train, held, say, contrast)
     choice = choose(search)
     plain = choice.plain
     train = replace(search.train, fine=search.task.fine)

@@ -20,6 +20,7 @@ from nas_data.gap.gains import REGISTER, with_relative_gains
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.nominal_parameters import FITTED_TOLERANCE
 from nas_data.gap.overlaps import Overlap, exclude_contacts, find_overlaps
+from nas_data.gap.search.contrast import Contrast
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.usual_error import UsualError
 from nas_data.log import warn
@@ -47,6 +48,7 @@ class Problem:
         model_file: Robot's name or model file.
         root: Folder of the dataset; None if it is only in memory.
         baseline: Recording before a change, and the model that describes it; see `compare_with`.
+        contrast: Episodes of the baseline in which no hypothesis may gain.
     """
 
     dataset: Dataset
@@ -59,6 +61,7 @@ class Problem:
     model_file: str | Path
     root: Path | None
     baseline: "Problem | None" = None
+    contrast: Contrast | None = None
 
     @classmethod
     def load(cls, dataset: str | Path, model: str | Path, baseline: str | Path | None = None) -> "Problem":
@@ -149,7 +152,10 @@ class Problem:
             replace(task, nominal=nominal, usual_error=usual.predict(task.evidence.motions))
             for task in (self.train, self.held)
         )
-        return replace(self, train=train, held=held, baseline=baseline)
+        as_given = self.as_given.with_tolerance(FITTED_TOLERANCE)
+        part = replace(baseline.held, usual_error=usual.predict(baseline.held.evidence.motions))
+        contrast = Contrast.of(part)
+        return replace(self, train=train, held=held, as_given=as_given, baseline=baseline, contrast=contrast)
 
     @cached_property
     def without_registers(self) -> Nominal:

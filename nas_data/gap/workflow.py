@@ -109,7 +109,7 @@ def name_and_report(
     if found.undecidable:
         say("; ".join(found.undecidable))
     say("name: which effect is missing")
-    named = name(problem.train, problem.held, say)
+    named = name(problem.train, problem.held, say, problem.contrast)
     folder.mkdir(parents=True, exist_ok=True)
     clear_report(folder)  # late, so that an interrupted run keeps the earlier report
     say("add: write the model with the effects")

@@ -65,6 +65,13 @@ def test_only_what_differs_from_the_baseline_is_named(before: Path, after: Path,
     assert f"--baseline {before}" in report.made_from.command
 
 
+def test_what_explains_the_baseline_too_is_not_named(before: Path, after: Path, tmp_path: Path):
+    """The model lacks the friction of both recordings."""
+    report = identify(after, "pendulum", out=tmp_path / "gap", baseline=before)
+    assert [(effect.name, effect.joint) for effect in report.effects] == [("servo_stiffness", "pendulum")]
+    assert not identify(before, "pendulum", out=tmp_path / "same", baseline=before).effects
+
+
 def test_the_baseline_itself_has_no_gap(before: Path, described: Path, tmp_path: Path):
     report = identify(before, described, out=tmp_path / "gap", baseline=before)
     assert report.verdict == "none" and not report.effects

@@ -84,12 +84,14 @@ class Hypothesis:
         fit: Fit to some training episodes.
         heldout: Mean squared errors on held-out episodes [rad²; m²], shape (E, n).
         heldout_misfit: Misfit of the held-out episodes [nats], same objective.
+        unspecific_gain: Gain that a recording without the change has, too [nats]; see `Contrast`.
     """
 
     description: Description
     fit: Fit
     heldout: np.ndarray
     heldout_misfit: float
+    unspecific_gain: float = 0.0
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -98,8 +100,8 @@ class Hypothesis:
 
     @property
     def score(self) -> Score:
-        """Loss on fitted episodes plus held-out misfit plus price; lower is better."""
-        return self.fit.loss + (self.heldout_misfit + self.description.price)
+        """Loss on fitted episodes plus held-out misfit, price and unspecific gain; lower is better."""
+        return self.fit.loss + (self.heldout_misfit + self.description.price + self.unspecific_gain)
 
     @property
     def is_finite(self) -> bool:

@@ -20,6 +20,7 @@ from nas_data.gap.search.constants import (
     SEARCH_EPISODES,
     SEARCH_ROWS,
 )
+from nas_data.gap.search.contrast import Contrast
 from nas_data.gap.search.fit import Fit, evaluate_loss, fit, is_effect_or_freed, measure_jacobian, measure_moved_joints
 from nas_data.gap.search.hypothesis import (
     Description,
@@ -67,6 +68,7 @@ class Search:
         train: Model and training episodes.
         held: Model and held-out episodes.
         say: Receives progress messages.
+        contrast: Recording without the change to be named, if there is one.
         rivals: Effects that competed with an effect when it was added, by name and joint.
         swaps_tried: Sets of effects for which swaps were tried.
         clear_winners: Sets of effects whose last addition was far ahead of all other candidates.
@@ -76,15 +78,22 @@ class Search:
     train: FitTask
     held: FitTask
     say: Callable[[str], None] = lambda text: None
+    contrast: Contrast | None = None
     rivals: dict[Key, list[Effect]] = field(default_factory=dict)
     swaps_tried: set[frozenset[Key]] = field(default_factory=set)
     clear_winners: set[frozenset[Key]] = field(default_factory=set)
     known_changes: Changes = field(default_factory=dict)
 
     @classmethod
-    def begin(cls, train: FitTask, held: FitTask, say: Callable[[str], None] = lambda text: None) -> "Search":
+    def begin(
+        cls,
+        train: FitTask,
+        held: FitTask,
+        say: Callable[[str], None] = lambda text: None,
+        contrast: Contrast | None = None,
+    ) -> "Search":
         """Start a search: select its episodes, and fit the model's own parameters within their prior."""
-        search = cls(train, held, say)
+        search = cls(train, held, say, contrast)
         parameters = Description().parameters(train.nominal.base)
         start = parameters.initial_theta()
         search.task = train.select(choose_episodes(train)).relinearise(parameters, start)
@@ -125,7 +134,11 @@ class Search:
         if predicted is None:
             lost = np.full((len(held.evidence), len(held.floor)), np.inf)
             return Hypothesis(fitted, found, lost, np.inf)
-        return Hypothesis(fitted, found, held.mean_squares(predicted), held.misfit(predicted))
+        shared = 0.0
+        if self.contrast:
+            counted = float(self.task.observations.sum() + held.observations.sum())
+            shared = self.contrast.measure_gain(found.effects, counted)
+        return Hypothesis(fitted, found, held.mean_squares(predicted), held.misfit(predicted), shared)
 
     def fit_description(
         self,
