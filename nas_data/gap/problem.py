@@ -143,8 +143,8 @@ class Problem:
                 f"The baseline {baseline.root or 'dataset'} has the joints {', '.join(before)}, and the recording "
                 f"{', '.join(joints)}: give a baseline with the same joints, in the same order."
             )
-        tasks = baseline.train, baseline.held
-        squares = np.concatenate([task.measure_squares() for task in tasks])
+        tasks = baseline.train.settle(), baseline.held.settle()
+        squares = np.concatenate([task.mean_squares(task.roll_out(task.evidence, (), {})) for task in tasks])
         motions = np.concatenate([task.evidence.motions for task in tasks])
         usual = UsualError.fit(np.sqrt(squares), motions, baseline.train.floor)
         nominal = self.train.nominal.with_tolerance(FITTED_TOLERANCE)
@@ -153,8 +153,7 @@ class Problem:
             for task in (self.train, self.held)
         )
         as_given = self.as_given.with_tolerance(FITTED_TOLERANCE)
-        part = replace(baseline.held, usual_error=usual.predict(baseline.held.evidence.motions))
-        contrast = Contrast.of(part)
+        contrast = Contrast(replace(tasks[1], usual_error=usual.predict(tasks[1].evidence.motions)))
         return replace(self, train=train, held=held, as_given=as_given, baseline=baseline, contrast=contrast)
 
     @cached_property

@@ -44,8 +44,8 @@ def described(before: Path) -> Path:
 
 
 def compute_ratios(problem: Problem) -> np.ndarray:
-    tasks = problem.train, problem.held
-    squares = np.concatenate([task.measure_squares() for task in tasks])
+    tasks = problem.train.settle(), problem.held.settle()
+    squares = np.concatenate([task.mean_squares(task.roll_out(task.evidence, (), {})) for task in tasks])
     return compute_floor_ratios(squares, np.concatenate([task.floors for task in tasks]))
 
 

@@ -15,8 +15,9 @@ from nas_data.gap.nominal import with_timestep
 from nas_data.gap.score_model import predict_episodes
 from nas_data.gap.search.fit import evaluate_loss, fit
 from nas_data.gap.search.initial_states import MAX_START_CHANGE
-from nas_data.gap.search.objective import FitTask, ObjectiveMismatch, Score
+from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters, select_free_base
+from nas_data.gap.search.score import ObjectiveMismatch, Score
 from nas_data.gap.search.timestep import choose_timestep
 
 HEAVY = "rotor_inertia:joint=j1,inertia=0.01"

@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from nas_data.effects.base import Effect
 from nas_data.errors import ModelFileError
 from nas_data.gap.search.objective import FitTask
-from nas_data.gap.search.parameters import FreeParameters
 
 
 @dataclass(frozen=True)
@@ -16,19 +16,11 @@ class Contrast:
     """Episodes without the change, with the model that describes them.
 
     Attributes:
-        task: These episodes, with the usual errors of the model.
-        misfits: Misfit of the model as given, by joint [nats], shape (n,).
+        task: These episodes, settled, with the usual errors of the model.
     """
 
     task: FitTask
-    misfits: np.ndarray
     _gains: dict[Effect, float] = field(default_factory=dict, compare=False)
-
-    @classmethod
-    def of(cls, task: FitTask) -> "Contrast":
-        """Return the contrast with some episodes; initial states are estimated once, with the model as given."""
-        task = task.reestimate(FreeParameters((), ()), np.zeros(0))
-        return cls(task, task.misfits(task.roll_out(task.evidence, (), {})).sum(axis=0))
 
     def measure_gain(self, effects: Sequence[Effect], observations: float) -> float:
         """Return what each effect alone gains here, summed over effects and the joints in which it gains [nats].
@@ -39,12 +31,19 @@ class Contrast:
         """
         return sum(map(self._gain, effects)) * observations / float(self.task.observations.sum())
 
+    @cached_property
+    def _given(self) -> np.ndarray:
+        """Misfit of the model as given, by joint [nats], shape (n,)."""
+        return self._measure_misfits(())
+
+    def _measure_misfits(self, effects: tuple[Effect, ...]) -> np.ndarray:
+        return self.task.misfits(self.task.roll_out(self.task.evidence, effects, {})).sum(axis=0)
+
     def _gain(self, effect: Effect) -> float:
         if effect not in self._gains:
             try:
-                predicted = self.task.roll_out(self.task.evidence, (effect,), {})
-            except ModelFileError:
-                return 0.0
-            gains = self.misfits - self.task.misfits(predicted).sum(axis=0)
+                gains = self._given - self._measure_misfits((effect,))
+            except ModelFileError:  # the model diverges
+                gains = np.zeros(1)
             self._gains[effect] = float(np.maximum(gains, 0.0).sum())
         return self._gains[effect]

@@ -7,8 +7,9 @@ import numpy as np
 
 from nas_data.effects.base import Effect
 from nas_data.gap.search.constants import CONVERGED_GAIN
-from nas_data.gap.search.objective import FitTask, MovedJoints, Score
+from nas_data.gap.search.objective import FitTask, MovedJoints
 from nas_data.gap.search.parameters import STEP, FreeParameters, Label
+from nas_data.gap.search.score import Score
 from nas_data.gap.side_by_side import map_in_parallel
 
 DAMPING = (0.0, 0.01, 0.1, 1.0, 10.0)  # Levenberg-Marquardt damping, tried in this order

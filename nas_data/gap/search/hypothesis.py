@@ -9,8 +9,9 @@ from nas_data.effects.base import Effect
 from nas_data.gap.nominal_parameters import NominalParameter
 from nas_data.gap.search.constants import BEYOND_PRIOR, EXCITED_RATIO, PARAMETER_PRICE, PRICE
 from nas_data.gap.search.fit import Fit
-from nas_data.gap.search.objective import FitTask, Score
+from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters, Label, select_free_base
+from nas_data.gap.search.score import Score
 
 Key = tuple[str, str | None]
 

@@ -1,4 +1,4 @@
-"""Objective: misfit of open-loop rollouts at a tolerance, and scores that know their objective."""
+"""Objective: misfit of open-loop rollouts at a tolerance."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,52 +18,9 @@ from nas_data.gap.search.parameters import FreeParameters
 
 MULTIPLES = (4, 2)  # multiples of the model's timestep for rollouts of a search, tried in this order
 
-OBJECTIVES = count()
+OBJECTIVES = count()  # numbers of objectives
 
 MovedJoints = Mapping[str | None, np.ndarray]  # which joints move, shape (n,), by parameter or joint
-
-
-class ObjectiveMismatch(AssertionError):
-    """Losses of two objectives were compared."""
-
-
-@dataclass(frozen=True)
-class Score:
-    """A loss with or without a price [nats]; lower is better.
-
-    Attributes:
-        nats: Value.
-        objective: Number of its objective; only scores of the same objective are compared.
-    """
-
-    nats: float
-    objective: int
-
-    def __add__(self, nats: float) -> "Score":
-        """Return the score plus some nats."""
-        return Score(self.nats + nats, self.objective)
-
-    def over(self, other: "Score") -> float:
-        """Return the difference to another score [nats]; positive if this one is worse.
-
-        Raises:
-            ObjectiveMismatch: they belong to different objectives.
-        """
-        if self.objective != other.objective:
-            raise ObjectiveMismatch(f"scores of the objectives {self.objective} and {other.objective} were compared")
-        return self.nats - other.nats
-
-    def __lt__(self, other: "Score") -> bool:
-        return self.over(other) < 0
-
-    def __gt__(self, other: "Score") -> bool:
-        return self.over(other) > 0
-
-    def __le__(self, other: "Score") -> bool:
-        return self.over(other) <= 0
-
-    def __ge__(self, other: "Score") -> bool:
-        return self.over(other) >= 0
 
 
 @dataclass(frozen=True)
@@ -164,6 +121,10 @@ class FitTask:
         if predicted is None:
             return task
         return replace(task, tolerated_error=ERROR_SHARE * np.sqrt(task.mean_squares(predicted).mean(0)))
+
+    def settle(self) -> "FitTask":
+        """Return the task with initial states and timestep correction estimated for the model as given."""
+        return self.reestimate(FreeParameters((), ()), np.zeros(0))
 
     def reestimate(self, parameters: FreeParameters, theta: np.ndarray) -> "FitTask":
         """Return the task with initial states and timestep correction estimated anew, as a new objective."""
@@ -350,14 +311,6 @@ class FitTask:
         """Return the mean squared error of each episode and joint [rad²; m²], shape (E, n); see `errors`."""
         errors, _ = self.errors(predicted)
         return np.asarray((errors**2).sum(1) / self.evidence.mask.sum(1)[:, None])
-
-    def measure_squares(self) -> np.ndarray:
-        """Return the mean squared error of the given model by episode and joint [rad²; m²], shape (E, n).
-
-        Initial states and timestep are corrected first.
-        """
-        task = self.reestimate(FreeParameters((), ()), np.zeros(0))
-        return task.mean_squares(task.roll_out(task.evidence, (), {}))
 
     def weights(self, predicted: np.ndarray) -> np.ndarray:
         """Return the weight of each error in the equivalent least squares, shape (E, 1, n).

@@ -11,7 +11,8 @@ from nas_data.effects.base import Effect, Scales, find_effect, make_effect
 from nas_data.errors import NasError
 from nas_data.gap.search.constants import CORRELATION
 from nas_data.gap.search.fit import MAX_STEP, Fit, solve_bounded
-from nas_data.gap.search.objective import FitTask, Score
+from nas_data.gap.search.objective import FitTask
+from nas_data.gap.search.score import Score
 from nas_data.gap.side_by_side import map_in_parallel
 
 STRETCH_BOUNDS = (0.0, 2.0)  # factor s on the change of positions at a guess, to first order

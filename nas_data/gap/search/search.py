@@ -30,9 +30,10 @@ from nas_data.gap.search.hypothesis import (
     find_joints_beyond_prior,
     reuse_jacobian,
 )
-from nas_data.gap.search.objective import FitTask, Score
+from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.row_weights import weigh_rows
 from nas_data.gap.search.scales import estimate_scales
+from nas_data.gap.search.score import Score
 from nas_data.gap.search.screen import Candidate, Changes, screen
 from nas_data.gap.search.timestep import choose_timestep
 from nas_data.gap.search.torque_scale import Start, leave_out
@@ -124,7 +125,7 @@ class Search:
         self.measured_at: np.ndarray
         self.scales: tuple[Scales, ...] = ()
         self.excited: set[str] = set()
-        self.at_floor = AT_USUAL_ERROR if np.any(self.train.usual_error) else AT_FLOOR
+        self.at_floor = AT_USUAL_ERROR if self.contrast else AT_FLOOR
 
     def evaluate(self, description: Description, found: Fit, held: FitTask | None = None) -> Hypothesis:
         """Return a fit as a hypothesis with held-out errors, by default with the initial states of the search."""

@@ -9,8 +9,9 @@ import numpy as np
 from nas_data.gap.search.constants import FAR_ABOVE, MAX_ROUNDS, PRICE
 from nas_data.gap.search.fit import Fit, evaluate_loss
 from nas_data.gap.search.hypothesis import Hypothesis
-from nas_data.gap.search.objective import FitTask, Score
+from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters
+from nas_data.gap.search.score import Score
 from nas_data.gap.search.search import Search
 from nas_data.gap.side_by_side import map_in_parallel
 from nas_data.simulators.initial_states import InitialLoad
