@@ -1,5 +1,6 @@
 """Friction that grows with the torque a servo transmits."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Self
@@ -20,16 +21,28 @@ class LoadFriction(Effect):
     """Friction proportional to the torque of the joint's actuator, because load increases the contact forces of gears.
 
     A servo that holds a load presses its gears from both sides. Switched off, only the load presses them, half as much.
-    In simulation a hook sets the friction before each physics step from the torques of the previous step. A model file
-    expresses the same friction, while the servo is on, by a pad that the servo presses (`PressedFriction`).
+    With a `kinetic_ratio` below one it falls with speed, as lubricated gears do. In simulation a hook sets the friction
+    before each physics step from the torques and speeds of the previous step. A model file expresses the friction that
+    does not fall, while the servo is on, by a pad that the servo presses (`PressedFriction`).
     """
 
     ratio: float
+    kinetic_ratio: float = 1.0
+    stribeck_velocity: float = 1.0
 
-    parameters: ClassVar = (Parameter("ratio", "", 0.0, 0.9, 0.0),)
+    parameters: ClassVar = (
+        Parameter("ratio", "", 0.0, 0.9, 0.0),
+        Parameter("kinetic_ratio", "", 0.2, 1.0, 1.0, spread=math.inf),
+        Parameter("stribeck_velocity", "rad/s", 0.002, 5.0, 1.0, spread=math.inf),
+    )
     in_model: ClassVar = False
-    equation: ClassVar = "friction = ratio · |torque of the servo| · sign(dq/dt); switched off, ratio / 2 · |load|"
-    source: ClassVar = "Rhoban/bam, friction model M3, K_l · |τ_m − τ_ext| with τ_ext = −τ_m, or τ_m = 0; ratio = 2 K_l"
+    equation: ClassVar = (
+        "friction = ratio · |torque of the servo| · f(dq/dt) · sign(dq/dt); switched off, ratio / 2 · |load|; "
+        "f(v) = kinetic_ratio + (1 − kinetic_ratio) · exp(−(v / stribeck_velocity)²)"
+    )
+    source: ClassVar = (
+        "Rhoban/bam, friction models M3 and M4, K_l · |τ_m − τ_ext| with τ_ext = −τ_m, or τ_m = 0; ratio = 2 K_l"
+    )
     signature: ClassVar = "A jump at every reversal that grows with load: large in heavy postures, none where unloaded."
     confused_with: ClassVar = ("coulomb_friction", "stribeck_friction", "backlash", "torque_limit")
 
@@ -38,12 +51,19 @@ class LoadFriction(Effect):
         """A tenth and a third of the load; small gears have 0.12 to 0.29 (Rhoban/bam)."""
         return tuple({"ratio": ratio} for ratio in (0.1, 0.3))
 
+    @classmethod
+    def optional_guess(cls, scales: Scales | None) -> Mapping[str, float]:
+        """Friction that falls to a half at a quarter of a radian per second."""
+        return {"kinetic_ratio": 0.5, "stribeck_velocity": 0.25 * scales.radian} if scales else {}
+
     def nearest_in_model(self, scales: Scales) -> Effect:
         """Return constant friction equal to that under half of the large torque."""
         return CoulombFriction(joint=self.joint, torque=0.5 * self.ratio * scales.torque)
 
-    def written_form(self, scales: Scales) -> Effect:
-        """Return the same friction as a contact of a pad."""
+    def written_form(self, scales: Scales) -> Effect | None:
+        """Return the same friction as a contact of a pad; None if it falls with speed."""
+        if self.kinetic_ratio < 1:
+            return None
         return PressedFriction(joint=self.joint, ratio=self.ratio, torque=scales.torque, speed=scales.speed)
 
     def edit(self, spec: mujoco.MjSpec) -> None:
@@ -61,10 +81,13 @@ class LoadFriction(Effect):
         """Return the hook that sets the friction of all joints with this effect."""
         ratios, levers = np.zeros(model.nv), np.zeros((model.nout, model.nv))
         most = np.full(model.nv, np.inf)
+        falling: list[tuple[int, float, float]] = []  # degree of freedom, ratio at rest [1], Stribeck velocity [rad/s]
         for effect in effects:
             joint = model.joint(effect.joint).id
             dof = model.jnt_dofadr[joint]
-            ratios[dof] += effect.ratio
+            ratios[dof] += effect.ratio * effect.kinetic_ratio
+            if effect.kinetic_ratio < 1:
+                falling.append((dof, effect.ratio * (1 - effect.kinetic_ratio), effect.stribeck_velocity))
             for actuator in find_servo_actuators(model, joint):
                 levers[model.actuator_outadr[actuator], dof] = compute_leverage(model, actuator, joint)
             if model.jnt_actfrclimited[joint]:
@@ -82,7 +105,10 @@ class LoadFriction(Effect):
                 np.minimum(load, largest, out=load)
                 if np.count_nonzero(step.released):
                     load[step.released] = 0.5 * np.abs(step.bias[step.released])
-                return np.multiply(load, shares, out=load)
+                present = shares.copy() if falling else shares
+                for dof, ratio, velocity in falling:
+                    present[:, dof] += ratio * np.exp(-((step.velocity[:, dof] / velocity) ** 2))
+                return np.multiply(load, present, out=load)
 
             return friction
 

@@ -112,7 +112,7 @@ def describe_finding(finding: Finding, nominal: Nominal, in_file: bool) -> Named
     """
     effect, slides = finding.effect, nominal.slides
     unit = find_joint_unit(effect.joint, slides) if effect.joint else group_by_kind(nominal.joints, slides)[0][0]
-    found = list_parameters(effect, finding.interval, slides)
+    found = list_parameters(effect, finding.interval, finding.episode_range, slides)
     return NamedEffect(
         name=effect.name(),
         joint=effect.joint,

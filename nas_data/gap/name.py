@@ -1,14 +1,16 @@
 """Naming of effects, with confidence and alternatives."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from nas_data.effects.base import Effect
 from nas_data.gap.confidence import Support, compute_closeness, measure_support
+from nas_data.gap.delay_range import find_delay_range
 from nas_data.gap.search.choose import choose
+from nas_data.gap.search.constants import MAX_ALTERNATIVES
 from nas_data.gap.search.contrast import Contrast
 from nas_data.gap.search.final import FinalFit, fit_final
 from nas_data.gap.search.firm_friction import make_friction_firm
@@ -32,6 +34,7 @@ class Finding:
     Attributes:
         effect: Effect with fitted parameters.
         interval: 95 % confidence interval of each parameter.
+        episode_range: Smallest and largest value of single episodes, of parameters that differ between them.
         support: What name and joint rest on.
         before: Held-out error without the effect and everything else fitted again [rad; slides m]: of its joint, or of
             the joints of the first kind for an effect of the whole arm.
@@ -48,6 +51,7 @@ class Finding:
     after: float
     alternatives: tuple[tuple[Effect, float], ...]
     equals: tuple[Effect, ...] = ()
+    episode_range: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def confidence(self) -> float:
@@ -96,14 +100,14 @@ class Naming:
         return next((rival for rival in self.rivals if rival is not None), None)
 
     @property
-    def least_sure_rival(self) -> Hypothesis | None:
-        """Best rival of the finding with the lowest confidence, if that is below `SURE_CONFIDENCE`; else None."""
+    def surviving_rivals(self) -> list[Hypothesis]:
+        """Best rivals of the findings with a confidence below `SURE_CONFIDENCE`, lowest first, at most three."""
         unsure = [
             (finding.confidence, rival)
             for finding, rival in zip(self.findings, self.rivals, strict=True)
             if finding.confidence < SURE_CONFIDENCE and rival is not None
         ]
-        return min(unsure, key=lambda pair: pair[0])[1] if unsure else None
+        return [rival for _, rival in sorted(unsure, key=lambda pair: pair[0])][:MAX_ALTERNATIVES]
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # idle BLAS threads would occupy cores of the rollouts
@@ -190,6 +194,9 @@ def assess(search: Search, kept: Hypothesis, final: FinalFit, number: int) -> tu
         after=rms(kept.heldout, joints),
         alternatives=tuple((h.effects[-1], rms(h.heldout, joints)) for h in [*ranked, *twins]),
         equals=tuple(h.effects[-1] for h in [*ranked, *twins] if compute_closeness(search, kept, h) >= EQUAL_CLOSENESS),
+        episode_range=find_delay_range(
+            replace(search.train, fine=final.fine), final.effects, dict(final.factors), number
+        ),
     )
     return finding, ranked[0] if ranked else None
 

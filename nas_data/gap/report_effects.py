@@ -17,11 +17,13 @@ class FittedParameter:
         value: Value in `unit`.
         unit: SI unit.
         interval95: 95 % confidence interval if the name is right; None if unknown.
+        episode_range: Smallest and largest value of single episodes; None if one value fits them all.
     """
 
     value: float
     unit: str = ""
     interval95: tuple[float, float] | None = field(default=None, metadata=OPTIONAL)
+    episode_range: tuple[float, float] | None = field(default=None, metadata=OPTIONAL)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -242,8 +242,9 @@ class TriedExperiment:
         name: Kind of commands.
         on: Joints that move.
         seconds: Duration [s].
-        separation: Difference of the two best explanations [noise floors].
-        joint: Joint with the largest difference.
+        separation: Largest difference of the explanation from a rival [noise floors].
+        joint: Joint with that difference.
+        separations: Difference from each rival [noise floors].
     """
 
     name: str
@@ -251,6 +252,7 @@ class TriedExperiment:
     seconds: float
     separation: float
     joint: str
+    separations: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -30,7 +30,7 @@ DELIVERED = {
     "it predicts worse.",
     "names of MJCF and plain": "model.xml has the plain fit in place of the named effects that MJCF cannot express "
     "(effects.json has them).",
-    "plain": "model.xml is the plain fit, without named effects: it predicts held-out episodes better than with them.",
+    "plain": "model.xml is the plain fit, without named effects: a file with them predicts held-out episodes worse.",
     "given": "model.xml is the model as given: no fitted model predicts held-out episodes better.",
 }
 
@@ -135,4 +135,8 @@ def describe_effect(effect: NamedEffect) -> str:
 def describe_parameter(name: str, parameter: FittedParameter) -> str:
     """Return a parameter with its interval."""
     low, high = parameter.interval95 or (parameter.value, parameter.value)
-    return f"{name} {parameter.value:.4g} {parameter.unit} [{low:.4g}, {high:.4g}]".replace("  ", " ")
+    text = f"{name} {parameter.value:.4g} {parameter.unit} [{low:.4g}, {high:.4g}]".replace("  ", " ")
+    if parameter.episode_range:
+        least, most = parameter.episode_range
+        text += f", from {least:.3g} to {most:.3g} in single episodes"
+    return text

@@ -155,7 +155,7 @@ def train_on_top(problem: Problem, model: Path, updates: int, say: Report) -> Le
 
 
 def propose_experiment(problem: Problem, naming: Naming, folder: Path, say: Report = silence) -> Proposal:
-    """Write the commands of the experiment that decides the least certain name, and describe it.
+    """Write the commands of the experiment that decides the least certain names, and describe it.
 
     Args:
         problem: Recording and model.
@@ -163,19 +163,16 @@ def propose_experiment(problem: Problem, naming: Naming, folder: Path, say: Repo
         folder: Folder of the report.
         say: Receives progress messages.
     """
-    rival = naming.least_sure_rival
-    if rival is None:
+    rivals = naming.surviving_rivals
+    if not rivals:
         return Proposal()
-    say("simulating experiments that would test the least certain name")
+    say("simulating experiments that would test the least certain names")
     firm = {name: factor for name, factor in naming.final.factors.items() if name.endswith(FIRM)}
-    pair = (
-        Rival(naming.final.effects, dict(naming.final.factors)),
-        Rival(rival.effects, {**rival.fit.factors, **firm}),
-    )
+    leader = Rival(naming.final.effects, dict(naming.final.factors))
+    others = [Rival(rival.effects, {**rival.fit.factors, **firm}) for rival in rivals]
+    train = problem.train
     try:
-        experiment = choose_next_experiment(
-            problem.train.nominal, problem.train.evidence, pair, problem.train.floor, seed=0
-        )
+        experiment = choose_next_experiment(train.nominal, train.evidence, leader, others, train.floor, seed=0)
     except NasError as error:
         return Proposal(f"none could be computed: {error}")
     write_experiment(experiment, folder / EXPERIMENT)

@@ -131,6 +131,7 @@ class BulletArm:
         forces = StepForces(
             force=self.servos.actuator_force[None],
             bias=self.servos.qfrc_bias[None],
+            velocity=self.servos.qvel[None],
             released=np.zeros(1, bool),
         )
         self.hooks = [hook(forces) for hook in simulator.hooks]

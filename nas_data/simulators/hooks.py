@@ -50,7 +50,8 @@ class HookedBatch:
         self._friction = batch.expand("dof_frictionloss")
         self._warm = batch.bind("qacc_warmstart")
         self.released = np.zeros(batch.nsim, bool)
-        forces = StepForces(batch.bind("actuator_force"), batch.bind("qfrc_bias"), self.released)
+        force, bias, velocity = (batch.bind(name) for name in ("actuator_force", "qfrc_bias", "qvel"))
+        forces = StepForces(force, bias, velocity, self.released)
         self._hooks = [hook(forces) for hook in hooks]
 
     def refresh(self, rows: np.ndarray | None = None) -> None:

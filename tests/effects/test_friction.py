@@ -93,6 +93,21 @@ def test_load_friction_follows_its_equation(tmp_path, ratio, signal):
     assert rms_degrees(Lever().move(SIGNALS[signal]) - expected) > 3 * rms_degrees(found - expected)
 
 
+@pytest.mark.parametrize("signal", ["triangle", "sine", "holds"])
+@pytest.mark.parametrize(("kinetic", "velocity"), [(0.4, 0.3), (0.6, 1.0)])
+def test_load_friction_that_falls_with_speed_follows_its_equation(tmp_path, kinetic, velocity, signal):
+    """Within half of what the same friction without the fall, or with all of it at once, would be off."""
+    ratio = 0.4
+    falls = stribeck(ratio, kinetic, velocity)
+    expected = Lever().move(SIGNALS[signal], friction=lambda speed, torque: falls(speed, torque) * abs(torque))
+    friction = effect("load_friction", ratio=ratio, kinetic_ratio=kinetic, stribeck_velocity=velocity)
+    found = simulate(tmp_path, Lever(), SIGNALS[signal], friction)
+    assert rms_degrees(found - expected) < 0.3
+    for other in (ratio, kinetic * ratio):
+        constant = simulate(tmp_path, Lever(), SIGNALS[signal], effect("load_friction", ratio=other))
+        assert rms_degrees(constant - expected) > 2 * rms_degrees(found - expected)
+
+
 @pytest.mark.parametrize("load", [0.02, 0.1, 0.18])
 def test_load_friction_holds_without_creep_or_chatter(tmp_path, load):
     """A loaded joint that came to rest stays at rest while the load changes by less than the friction."""
@@ -128,22 +143,26 @@ def test_many_simulations_with_a_hook_equal_one_by_one(tmp_path):
     assert np.array_equal(closed, together)
 
 
-FRICTIONS = (("m5", 0.1), ("m2", 0.3), ("m5", 0.2))  # one of them twice
+FRICTIONS = (("m5", 0.1, 1.0), ("m2", 0.3, 1.0), ("m5", 0.2, 0.5))  # one of them twice
 
 
 def test_joints_share_a_hook_and_keep_their_own_friction():
     """Powered or not, each joint gets from the one hook of its kind what a hook of its own would add."""
     robot = find_robot("ergojr")
-    effects = [make_effect("load_friction", joint, {"ratio": ratio}) for joint, ratio in FRICTIONS]
+    effects = [
+        make_effect("load_friction", joint, {"ratio": ratio, "kinetic_ratio": kinetic, "stribeck_velocity": 0.3})
+        for joint, ratio, kinetic in FRICTIONS
+    ]
     spec = mujoco.MjSpec.from_file(str(robot.mjcf))
     add_effects(spec, effects)
     model = spec.compile()
     rng = np.random.default_rng(0)
     force, bias = rng.uniform(-0.5, 0.5, (4, model.nout)), rng.uniform(-0.5, 0.5, (4, model.nv))
+    velocity = rng.uniform(-0.5, 0.5, (4, model.nv))
     for released in (np.zeros(4, bool), np.array([True, False, False, True])):
         (shared,) = find_hooks(effects, model)
         alone = [hook for effect in effects for hook in find_hooks([effect], model)]
-        forces = StepForces(force, bias, released)
+        forces = StepForces(force, bias, velocity, released)
         together = shared(forces)()
         assert together == pytest.approx(sum(hook(forces)() for hook in alone), rel=1e-12)
         assert (together > 0).sum() == 8

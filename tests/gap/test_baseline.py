@@ -8,10 +8,12 @@ import pytest
 
 from nas_data.api.gap import identify
 from nas_data.cli import main
+from nas_data.effects.base import parse
 from nas_data.errors import JointMismatch
 from nas_data.gap.floor import compute_floor_ratios
-from nas_data.gap.nominal_parameters import FITTED_TOLERANCE
+from nas_data.gap.nominal_parameters import FITTED_TOLERANCE, TOLERANCE
 from nas_data.gap.problem import Problem
+from nas_data.gap.search.intervals import find_existing_deviation
 from nas_data.gap.usual_error import UsualError
 from nas_data.gap.write_model import MODEL
 
@@ -86,6 +88,15 @@ def test_a_baseline_has_the_joints_of_the_recording(before: Path, capsys: pytest
     compared = Problem.load(before, "pendulum")
     with pytest.raises(JointMismatch, match="same joints"):
         compared.compare_with(Problem.load(other, "ergojr"))
+
+
+def test_what_the_model_has_is_better_known_beside_a_baseline(before: Path):
+    alone, effect = Problem.load(before, "pendulum"), parse("viscous_friction:joint=pendulum,coefficient=0.01")
+    compared = alone.compare_with(alone)
+    known, supposed = (
+        find_existing_deviation(problem.train, effect, effect.parameters[0]) for problem in (compared, alone)
+    )
+    assert 0 < known == pytest.approx(FITTED_TOLERANCE / TOLERANCE * supposed)
 
 
 def test_the_usual_error_grows_with_the_motion_and_is_no_less_than_noise():

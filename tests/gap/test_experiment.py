@@ -59,12 +59,12 @@ def arm(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def experiment(arm):
-    return choose_next_experiment(arm, nothing(JOINTS, 0.01), (PLAY, FRICTION), FLOOR, seed=3)
+    return choose_next_experiment(arm, nothing(JOINTS, 0.01), PLAY, [FRICTION], FLOOR, seed=3)
 
 
 def test_of_many_different_effects_only_some_are_listed(experiment):
     many = [CoulombFriction(joint=joint, torque=0.004) for joint in ("shoulder", "elbow", "wrist", "gripper")]
-    text = describe_experiment(experiment.table[0], (Rival(tuple(many), {}), PLAY), JOINTS)
+    text = describe_experiment(experiment.table[0], Rival(tuple(many), {}), [PLAY], JOINTS)
     assert "separates coulomb friction in shoulder and coulomb friction in elbow and 2 more from backlash" in text
 
 
@@ -108,6 +108,22 @@ def test_the_sentence_names_the_experiment_and_both_rivals(experiment):
     assert experiment.decides
 
 
+def test_an_experiment_is_chosen_against_all_rivals(arm, experiment):
+    """One rival needs the elbow, the other the shoulder: the choice tells more than those against one of them."""
+    heavy = Rival((*PLAY.effects, CoulombFriction(joint="shoulder", torque=0.05)), {"elbow.gain": 1.05})
+    light = Rival((CoulombFriction(joint="elbow", torque=0.004), *heavy.effects[1:]), FRICTION.factors)
+    found = choose_next_experiment(arm, nothing(JOINTS, 0.01), heavy, [light, PLAY], FLOOR, seed=3)
+    best = found.table[0]
+    assert len(best.separations) == 2 and min(best.separations) > 1
+    assert best.information == max(row.information for row in found.table)
+    assert {joint for row in found.table for joint in row.trial.moved} == set(JOINTS)
+    for text in ("backlash from coulomb friction", "coulomb friction from no further effect"):
+        assert text in found.text
+    assert "; also " in found.text
+    same = choose_next_experiment(arm, nothing(JOINTS, 0.01), heavy, [light, heavy], FLOOR, seed=3)
+    assert "; not no further effect from no further effect" in same.text
+
+
 def test_a_rival_that_follows_differs_less_than_one_that_does_not(arm, experiment):
     chosen = make_batch(arm, [experiment.commands], CommandRange.of(arm, nothing(JOINTS, 0.01)).pose)
     one, two = (arm.predict(chosen, rival.effects, rival.factors) for rival in (PLAY, FRICTION))
@@ -119,8 +135,8 @@ def test_rivals_that_are_the_same_are_said_to_be_inseparable(arm, experiment):
     chosen = make_batch(arm, [experiment.commands], CommandRange.of(arm, nothing(JOINTS, 0.01)).pose)
     apart = compute_separations(arm, (PLAY, PLAY), chosen, FLOOR, ("elbow",))
     assert apart.max() < 0.5
-    worst = experiment.table[0].__class__(experiment.table[0].trial, float(apart.max()), "elbow", 12.0)
-    assert describe_experiment(worst, (PLAY, FRICTION), JOINTS).startswith(
+    worst = experiment.table[0].__class__(experiment.table[0].trial, (float(apart.max()),), ("elbow",), 12.0)
+    assert describe_experiment(worst, PLAY, [FRICTION], JOINTS).startswith(
         "no simulated experiment separates backlash from"
     )
     assert not replace(experiment, table=(worst,)).decides
@@ -128,7 +144,7 @@ def test_rivals_that_are_the_same_are_said_to_be_inseparable(arm, experiment):
 
 def test_rivals_of_one_name_are_told_apart_by_their_joints(experiment):
     other = Rival((Backlash(joint="shoulder", half_width=0.02),), {})
-    text = describe_experiment(experiment.table[0], (PLAY, other), JOINTS)
+    text = describe_experiment(experiment.table[0], PLAY, [other], JOINTS)
     assert "separates backlash in elbow from backlash in shoulder" in text
     assert find_differing_joints((PLAY, other), JOINTS) == JOINTS
 
@@ -163,9 +179,9 @@ def test_a_reduced_room_lies_within_the_room_and_keeps_its_home(seed, low, high,
 def choose_torques(folder, limit, speed):
     (folder / "hinge.xml").write_text(HINGE.format(limits=f'ctrlrange="-{limit} {limit}" ctrllimited="true"'))
     nominal = nominal_of(folder / "hinge.xml", ("hip",), 0.02)
-    rivals = (Rival((CoulombFriction(joint="hip", torque=0.1),), {}), Rival((), {}))
+    leader = Rival((CoulombFriction(joint="hip", torque=0.1),), {})
     recorded = nothing(("hip",), 0.02, speed)
-    return nominal, rivals, choose_next_experiment(nominal, recorded, rivals, np.full(1, 1e-3), seed=0)
+    return nominal, leader, choose_next_experiment(nominal, recorded, leader, [Rival((), {})], np.full(1, 1e-3), seed=0)
 
 
 def test_an_arm_that_takes_torques_gets_torques(tmp_path):
@@ -178,10 +194,10 @@ def test_an_arm_that_takes_torques_gets_torques(tmp_path):
 
 def test_torques_move_no_joint_more_than_twice_as_fast_as_recorded(tmp_path):
     """The limit of the motor would turn the hinge many times as fast."""
-    nominal, rivals, found = choose_torques(tmp_path, limit=4, speed=2.0)
+    nominal, leader, found = choose_torques(tmp_path, limit=4, speed=2.0)
     for row in found.table:
         batch = make_batch(nominal, [row.trial.commands], np.zeros(1))
-        path = nominal.predict(batch, rivals[0].effects, rivals[0].factors)[0]
+        path = nominal.predict(batch, leader.effects, leader.factors)[0]
         assert np.abs(np.diff(path, axis=0)).max() <= 2 * 2.0 * 0.02 + 1e-9
         assert np.abs(row.trial.commands).max() > 0.1
 

@@ -147,6 +147,20 @@ def test_frictions_are_those_of_bam_s_models():
     assert bam.convert_parameters(without)[0]["model"] == "m2"
 
 
+def test_friction_under_load_that_falls_with_speed_is_bam_s_m4():
+    own = {"gain": 4.0, "servo_damping": 0.2, "load_friction.ratio": 0.2, "load_friction.kinetic_ratio": 0.4}
+    own |= {"load_friction.stribeck_velocity": 0.3}
+    content, lost = bam.convert_parameters(own)
+    assert content["model"] == "m4" and content["friction_stribeck"] == 0.0 and not lost
+    speed, motor = 0.2, 0.7
+    fall = math.exp(-(abs(speed / content["dtheta_stribeck"]) ** content["alpha"]))
+    share = content["load_friction_base"] + fall * content["load_friction_stribeck"]
+    assert share * 2 * motor == pytest.approx(0.2 * 0.7 * (0.4 + 0.6 * math.exp(-((0.2 / 0.3) ** 2))))
+    own |= {"stribeck_friction.torque": 0.1, "stribeck_friction.kinetic_ratio": 0.4}
+    both, lost = bam.convert_parameters(own | {"stribeck_friction.stribeck_velocity": 0.5})
+    assert both["dtheta_stribeck"] == 0.5 and lost == ["load_friction.stribeck_velocity"]
+
+
 def test_what_bam_has_no_place_for_is_said():
     content, lost = bam.convert_parameters({"dry_friction": 0.1, "backlash": 0.02, "torque_limit": 1.0})
     assert "kt" not in content and content["friction_base"] == 0.1

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.search_samples import arm, described, played, tasks
+from support.typical_effects import NAMES, typical
 
 from nas_data import registry
 from nas_data.effects.base import parse
@@ -30,9 +31,20 @@ from nas_data.gap.search.hypothesis import (
     reuse_jacobian,
 )
 from nas_data.gap.search.objective import FitTask
+from nas_data.gap.search.parameters import FreeParameters
 
 VISCOUS = [f"viscous_friction:joint=j{number},coefficient=0.02" for number in (1, 2, 3)]
 DRY = [f"coulomb_friction:joint=j{number},torque=0.02" for number in (1, 2, 3)]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_fit_begins_at_its_guesses(name: str):
+    """Also those of optional parameters, with a prior or without."""
+    effect = typical(name)
+    parameters = FreeParameters((effect,), ())
+    (begun,) = parameters.effects_at(parameters.initial_theta())
+    for parameter in effect.parameters:
+        assert getattr(begun, parameter.name) == pytest.approx(getattr(effect, parameter.name))
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Choice of the experiment in which two rival explanations differ most."""
+"""Choice of the experiment that separates an explanation best from its rivals."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -25,25 +25,45 @@ MIN_SEPARATION = 1.0  # noise floors; smallest difference of rivals that is wort
 
 @dataclass(frozen=True)
 class RatedExperiment:
-    """An experiment with the difference of two rivals in it.
+    """An experiment with the differences of an explanation from its rivals in it.
 
     Attributes:
         trial: Experiment.
-        separation: Largest RMS difference of the rivals over the noise floor of a joint.
-        joint: That joint.
+        separations: Largest RMS difference from each rival over the noise floor of a joint.
+        joints: That joint, for each rival.
         seconds: Duration [s].
     """
 
     trial: ExperimentDesign
-    separation: float
-    joint: str
+    separations: tuple[float, ...]
+    joints: tuple[str, ...]
     seconds: float
+
+    @property
+    def information(self) -> float:
+        """What an observation says for the explanation and against its rivals, ½ Σ log(1 + separation²) [nats]."""
+        return float(0.5 * np.log1p(np.square(self.separations)).sum())
+
+    @property
+    def separation(self) -> float:
+        """Separation from the rival that differs most."""
+        return max(self.separations)
+
+    @property
+    def joint(self) -> str:
+        """Joint in which that rival differs most."""
+        return self.joints[self.separations.index(self.separation)]
 
     def describe(self) -> TriedExperiment:
         """Return the experiment as the report lists it."""
         trial = self.trial
         return TriedExperiment(
-            name=trial.name, on=trial.moved, seconds=self.seconds, separation=self.separation, joint=self.joint
+            name=trial.name,
+            on=trial.moved,
+            seconds=self.seconds,
+            separation=self.separation,
+            joint=self.joint,
+            separations=self.separations,
         )
 
 
@@ -56,7 +76,7 @@ class NextExperiment:
         names: Columns of its command file: `<joint>.pos` [rad], `.vel` [rad/s] or `.effort` [N·m].
         commands: Commands from the rest pose with a slow approach, shape (T, n).
         period: Control period [s].
-        table: All experiments, largest separation first.
+        table: All experiments, most informative first.
     """
 
     text: str
@@ -67,60 +87,78 @@ class NextExperiment:
 
     @property
     def decides(self) -> bool:
-        """Whether the rivals differ by more than noise in the best experiment."""
+        """Whether a rival differs by more than noise in the best experiment."""
         return self.table[0].separation >= MIN_SEPARATION
 
 
 def choose_next_experiment(
-    nominal: Nominal, evidence: EpisodeBatch, rivals: tuple[Rival, Rival], floor: np.ndarray, seed: int
+    nominal: Nominal, evidence: EpisodeBatch, leader: Rival, rivals: Sequence[Rival], floor: np.ndarray, seed: int
 ) -> NextExperiment:
     """Choose the experiment to record next.
 
     Args:
         nominal: Given model.
         evidence: Recorded episodes.
-        rivals: Two explanations that the data cannot distinguish.
+        leader: Explanation of the data.
+        rivals: Others that the data hardly distinguish from it, at least one.
         floor: Noise floor of each joint [rad; m], shape (n,).
         seed: Seed of random excitations.
 
     Raises:
-        ModelFileError: the second rival diverges.
+        ModelFileError: a rival diverges.
         OptionError: the model takes torques without limits, or every experiment would harm the arm.
     """
     room = CommandRange.of(nominal, evidence)
-    concerned = find_differing_joints(rivals, nominal.joints)
-    trials = list(generate_experiments(nominal, rivals[0], room, concerned, seed))
+    differing = [find_differing_joints((leader, rival), nominal.joints) for rival in rivals]
+    concerned = tuple(joint for joint in nominal.joints if any(joint in joints for joints in differing))
+    trials = list(generate_experiments(nominal, leader, room, concerned, seed))
     if not trials:
         raise OptionError("in each the arm would touch something or move more than twice as fast as recorded")
     batch = make_batch(nominal, [trial.commands for trial in trials], room.pose)
-    apart = compute_separations(nominal, rivals, batch, floor, concerned)
+    apart = np.stack(
+        [
+            compute_separations(nominal, (leader, rival), batch, floor, joints)
+            for rival, joints in zip(rivals, differing, strict=True)
+        ],
+        axis=1,
+    )
     rows = [
         RatedExperiment(
-            trial, float(row.max()), nominal.joints[int(row.argmax())], len(trial.commands) * nominal.period
+            trial,
+            tuple(own.max(axis=1).tolist()),
+            tuple(nominal.joints[joint] for joint in own.argmax(axis=1)),
+            len(trial.commands) * nominal.period,
         )
-        for trial, row in zip(trials, apart, strict=True)
+        for trial, own in zip(trials, apart, strict=True)
     ]
-    table = tuple(sorted(rows, key=lambda row: -row.separation))
+    table = tuple(sorted(rows, key=lambda row: -row.information))
     names = tuple(joint + kind for joint, kind in zip(nominal.joints, nominal.simulator().kinds, strict=True))
-    text = describe_experiment(table[0], rivals, nominal.joints)
+    text = describe_experiment(table[0], leader, rivals, nominal.joints)
     return NextExperiment(text, names, table[0].trial.commands, nominal.period, table)
 
 
-def describe_experiment(best: RatedExperiment, rivals: tuple[Rival, Rival], joints: Sequence[str]) -> str:
-    """Describe the best experiment and what it distinguishes."""
-    one, two = (describe_difference(rival, other) for rival, other in (rivals, rivals[::-1]))
+def describe_experiment(best: RatedExperiment, leader: Rival, rivals: Sequence[Rival], joints: Sequence[str]) -> str:
+    """Describe the best experiment, what it separates, and what not."""
+    pairs = [f"{describe_difference(leader, rival)} from {describe_difference(rival, leader)}" for rival in rivals]
+    order = sorted(range(len(pairs)), key=lambda number: -best.separations[number])
+    first, *others = order
     if best.separation < MIN_SEPARATION:
+        every = " or ".join(pairs[number] for number in order)
         return (
-            f"no simulated experiment separates {one} from {two}: at best, in {best.trial.name}, the two models would "
+            f"no simulated experiment separates {every}: at best, in {best.trial.name}, the two models would "
             "differ by "
             f"{best.separation:.1f} times the noise; a finer sensor or more load is needed"
         )
     place = "all joints" if len(best.trial.moved) == len(joints) > 1 else " and ".join(best.trial.moved)
     where = "there" if best.trial.moved == (best.joint,) else f"at {best.joint}"
-    return (
-        f"{best.trial.name} on {place}: separates {one} from {two}; the two models would differ by "
+    text = (
+        f"{best.trial.name} on {place}: separates {pairs[first]}; the two models would differ by "
         f"{best.separation:.1f} times the noise {where}"
     )
+    for number in others:
+        apart = best.separations[number]
+        text += f"; also {pairs[number]} ({apart:.1f})" if apart >= MIN_SEPARATION else f"; not {pairs[number]}"
+    return text
 
 
 def describe_difference(rival: Rival, other: Rival) -> str:

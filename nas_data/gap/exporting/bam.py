@@ -36,6 +36,7 @@ PLAIN = {  # our name: BAM's
 KEPT = {*PLAIN, "gain", "servo_damping", "torque_limit", "dry_friction", "load_friction"}
 OF_LINKS = {"mass"}  # quantities of links, not of servos; they stay in model.xml
 STRIBECK = {"stribeck_friction.torque", "stribeck_friction.kinetic_ratio", "stribeck_friction.stribeck_velocity"}
+FALLING_LOAD = {"load_friction.ratio", "load_friction.kinetic_ratio", "load_friction.stribeck_velocity"}
 
 
 def write_bam(folder: Path, joints: Sequence[str], quantities: Sequence[Quantity]) -> tuple[Path, list[str]]:
@@ -69,17 +70,25 @@ def convert_parameters(own: Mapping[str, float]) -> tuple[dict[str, str | float]
     """
     content: dict[str, str | float] = {"actuator": ACTUATOR, "friction_base": own.get("dry_friction", 0.0)}
     content |= {"friction_viscous": 0.0} | {theirs: own[ours] for ours, theirs in PLAIN.items() if ours in own}
-    has_stribeck, has_load = own.keys() >= STRIBECK, "load_friction" in own
-    content["model"] = {(0, 0): "m1", (1, 0): "m2", (0, 1): "m3", (1, 1): "m4"}[has_stribeck, has_load]
-    if has_stribeck:
-        content["friction_stribeck"] = own["stribeck_friction.torque"] * (1 - own["stribeck_friction.kinetic_ratio"])
-        content["dtheta_stribeck"] = own["stribeck_friction.stribeck_velocity"]
+    has_stribeck, load_falls = own.keys() >= STRIBECK, own.keys() >= FALLING_LOAD
+    falls, has_load = has_stribeck or load_falls, load_falls or "load_friction" in own
+    content["model"] = {(0, 0): "m1", (1, 0): "m2", (0, 1): "m3", (1, 1): "m4"}[falls, has_load]
+    if falls:
+        share = 1 - own.get("stribeck_friction.kinetic_ratio", 1.0)
+        content["friction_stribeck"] = own.get("stribeck_friction.torque", 0.0) * share
+        # BAM has one velocity for both
+        kind = "stribeck_friction" if has_stribeck else "load_friction"
+        content["dtheta_stribeck"] = own[f"{kind}.stribeck_velocity"]
         content["alpha"] = CURVATURE
     if has_load:
-        content["load_friction_base"] = own["load_friction"] / 2
-    if has_stribeck and has_load:
-        content["load_friction_stribeck"] = 0.0
-    lost = sorted(own.keys() - KEPT - OF_LINKS - (STRIBECK if has_stribeck else set()))
+        kinetic, ratio = own.get("load_friction.kinetic_ratio", 1.0), own.get("load_friction.ratio", 0.0)
+        content["load_friction_base"] = kinetic * (ratio or own.get("load_friction", 0.0)) / 2
+        if falls:
+            content["load_friction_stribeck"] = (1 - kinetic) * ratio / 2
+    known = (STRIBECK if has_stribeck else set()) | (FALLING_LOAD if load_falls else set())
+    lost = sorted(own.keys() - KEPT - OF_LINKS - known)
+    if has_stribeck and load_falls:
+        lost.append("load_friction.stribeck_velocity")
     gain, feedback, limit = (own.get(name, 0.0) for name in ("gain", "servo_damping", "torque_limit"))
     if gain and feedback:
         per_volt = limit / (VOLTAGE * LARGEST_DUTY) if limit else gain / (VOLTAGE * FIRMWARE_GAIN * ERROR_GAIN)

@@ -177,13 +177,17 @@ def list_retuned(final: FinalFit, smallest: float = 0.005) -> list[dict[str, obj
 
 
 def list_parameters(
-    effect: Effect, interval: Mapping[str, tuple[float, float]], slides: Collection[str] = ()
+    effect: Effect,
+    interval: Mapping[str, tuple[float, float]],
+    episode_range: Mapping[str, tuple[float, float]],
+    slides: Collection[str] = (),
 ) -> dict[str, object]:
-    """Return an effect's parameters with units and intervals, as the report lists them.
+    """Return an effect's parameters with units, intervals and ranges over episodes, as the report lists them.
 
     Args:
         effect: Fitted effect.
         interval: 95 % intervals by parameter.
+        episode_range: Smallest and largest value of single episodes, by parameter that differs between them.
         slides: Names of the slides, which have other units.
     """
 
@@ -194,6 +198,7 @@ def list_parameters(
             "value": value,
             "unit": convert_hinge_unit(parameter.unit, effect.joint in slides),
             "interval95": [low, high],
+            "episode_range": episode_range.get(parameter.name),
         }
 
     return {parameter.name: entry(parameter) for parameter in effect.free_parameters}

@@ -43,7 +43,7 @@ def compute_intervals(
         form_width = NORMAL95 * FORM_DEVIATION * abs(float(number) if free.signed else 1.0)
         half_width = float(np.hypot(width, form_width))
         for place in free.effect_indices:
-            shared_half_width = NORMAL95 * TOLERANCE * read_existing_amount(task, found.effects[place], free.parameter)
+            shared_half_width = NORMAL95 * find_existing_deviation(task, found.effects[place], free.parameter)
             values = [free.value(float(number)), *(getattr(form[place], free.parameter.name) for form in freer)]
             low = min(free.move(value, -half_width) for value in values) - shared_half_width
             high = max(free.move(value, half_width) for value in values) + shared_half_width
@@ -110,8 +110,10 @@ def fit_freer_forms(task: FitTask, description: Description, found: Fit) -> list
     return forms
 
 
-def read_existing_amount(task: FitTask, effect: Effect, parameter: Parameter) -> float:
-    """Return the model's value of the quantity that an effect's first parameter adds to [its unit]."""
+def find_existing_deviation(task: FitTask, effect: Effect, parameter: Parameter) -> float:
+    """Return the standard deviation of the model's quantity that an effect's first parameter adds to [its unit]."""
     if not effect.replaces or effect.joint is None or parameter is not effect.parameters[0]:
         return 0.0
-    return read_own_amount(task.nominal.spec, effect.joint, effect.replaces)
+    own = f"{effect.joint}.{effect.replaces}"
+    tolerance = next((base.tolerance for base in task.nominal.base if base.name == own), TOLERANCE)
+    return tolerance * read_own_amount(task.nominal.spec, effect.joint, effect.replaces)

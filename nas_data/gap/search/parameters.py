@@ -86,7 +86,7 @@ class FreeParameters:
                 continue
             for parameter in effect.free_parameters:
                 own = float(getattr(effect, parameter.name))
-                has_prior = parameter.spread > 0 and math.isfinite(parameter.neutral)
+                has_prior = 0 < parameter.spread < math.inf
                 v0 = parameter.neutral if has_prior else own
                 scale = abs(getattr(effect, parameter.scaled_by)) if parameter.scaled_by else SIGNED_SCALE
                 found.append(FreeParameter(alike, parameter, v0, scale or SIGNED_SCALE))

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from nas_data.count_of import count_of, join_items
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_effects import EffectName
-from nas_data.gap.report_parts import Bin, JointGap
+from nas_data.gap.report_parts import Bin, JointGap, TriedExperiment
 from nas_data.gap.showing.figures import Models
 from nas_data.gap.showing.page_words import (
     ANGLE,
@@ -140,6 +140,11 @@ def make_audit_facts(report: GapReport) -> list[Facts]:
     return [Facts(entries)] if entries else []
 
 
+def format_separations(entry: TriedExperiment) -> str:
+    """Return the difference from each rival [noise floors]."""
+    return ", ".join(f"{apart:.1f}" for apart in entry.separations or (entry.separation,))
+
+
 def make_experiments_table(report: GapReport) -> list[HtmlTable]:
     """Return all experiments that were compared."""
     rows = [
@@ -147,13 +152,13 @@ def make_experiments_table(report: GapReport) -> list[HtmlTable]:
             entry.name,
             ", ".join(entry.on),
             format_value(entry.seconds, "").strip() + " s",
-            f"{entry.separation:.1f} × noise at {entry.joint}",
+            f"{format_separations(entry)} × noise at {entry.joint}",
         )
         for entry in report.experiments
     ]
     note = (
-        "Difference between the predictions of the two best explanations in each experiment, after one was fitted "
-        "to the other."
+        "Difference between the predictions of the named effects and of each rival in each experiment, after the rival "
+        "was fitted to them; the joint is that of the largest."
     )
     return [HtmlTable(("", "joints", "length", "difference"), rows, note)] if rows else []
 

@@ -61,11 +61,16 @@ def format_with_si(value: float, unit: str) -> str:
 
 
 def format_interval(number: FittedParameter) -> str:
-    """Return the 95 % interval of a parameter, empty without one."""
-    ends = number.interval95
+    """Return the 95 % interval of a parameter and its range over single episodes, empty without them."""
+    interval, of_episodes = (format_range(ends, number.unit) for ends in (number.interval95, number.episode_range))
+    return f"{interval}; single episodes {of_episodes}" if of_episodes else interval
+
+
+def format_range(ends: tuple[float, float] | None, unit: str) -> str:
+    """Return a range of values [SI] in display units; empty if it has no width."""
     if not ends or ends[0] == ends[1]:
         return ""
-    low, high = (format_value(end, number.unit) for end in ends)
+    low, high = (format_value(end, unit) for end in ends)
     unit = NUMBER.sub("", low)
     return f"{low.removesuffix(unit)} … {high}" if unit == NUMBER.sub("", high) else f"{low} … {high}"
 
