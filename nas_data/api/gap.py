@@ -5,7 +5,7 @@ from pathlib import Path
 
 from nas_data.api.arguments import Actuators, Progress, as_dataset, as_model, find_folder
 from nas_data.dataset.dataset import Dataset
-from nas_data.gap.problem import Problem
+from nas_data.gap.problem import Problem, name_baseline
 from nas_data.gap.report import GapReport
 from nas_data.gap.workflow import investigate_problem
 from nas_data.runs.progress import silence
@@ -56,6 +56,10 @@ def identify(
 
     def load() -> Problem:
         problem = load_one(dataset)
-        return problem if baseline is None else problem.compare_with(load_one(baseline))
+        if baseline is None:
+            return problem
+        with name_baseline(baseline if isinstance(baseline, str | Path) else "dataset"):
+            before = load_one(baseline)
+        return problem.compare_with(before)
 
     return investigate_problem(load, given, out, progress or silence, learn)

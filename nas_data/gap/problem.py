@@ -1,5 +1,7 @@
 """Input of the workflow: a recording and a model, split into fitted and held-out episodes."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -79,7 +81,11 @@ class Problem:
         recorded, _, noticed = audit_external(root, read(root))
         warn(noticed)
         problem = cls.of(recorded, model, root)
-        return problem if baseline is None else problem.compare_with(cls.load(baseline, model))
+        if baseline is None:
+            return problem
+        with name_baseline(baseline):
+            before = cls.load(baseline, model)
+        return problem.compare_with(before)
 
     @classmethod
     def of(cls, recorded: Dataset, model: str | Path, root: Path | None) -> "Problem":
@@ -172,3 +178,12 @@ def read_registers(dataset: Dataset, root: Path | None) -> ServoRegisters:
     provenance = dataset.origin.provenance if dataset.origin else read_provenance(root) if root else None
     registers = ServoRegisters.read(provenance, dataset.joints)
     return registers.without(GAIN) if REGISTER in dataset.columns else registers
+
+
+@contextmanager
+def name_baseline(baseline: str | Path) -> Iterator[None]:
+    """Name the baseline in errors about its joints, which otherwise name the model only."""
+    try:
+        yield
+    except JointMismatch as error:
+        raise JointMismatch(f"The baseline {baseline}: {error}") from None

@@ -84,7 +84,8 @@ def test_a_baseline_has_the_joints_of_the_recording(before: Path, capsys: pytest
     assert main(["record", "sim", "--robot", "ergojr", "--episodes", "2", "--seconds", "1", "--out", str(other)]) == 0
     command = ["gap", str(before), "--model", "pendulum", "--baseline", str(other), "--out", str(before.parent / "no")]
     assert main(command) != 0
-    assert "'m1'" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "'m1'" in error and f"The baseline {other}" in error
     compared = Problem.load(before, "pendulum")
     with pytest.raises(JointMismatch, match="same joints"):
         compared.compare_with(Problem.load(other, "ergojr"))
