@@ -10,11 +10,12 @@ from nas_data.effects.base import Effect
 from nas_data.gap.confidence import Support, compute_closeness, measure_support
 from nas_data.gap.delay_range import find_delay_range
 from nas_data.gap.search.choose import choose
-from nas_data.gap.search.constants import MAX_ALTERNATIVES
+from nas_data.gap.search.constants import MAX_ALTERNATIVES, PRICE
 from nas_data.gap.search.contrast import Contrast
 from nas_data.gap.search.final import FinalFit, fit_final
 from nas_data.gap.search.firm_friction import make_friction_firm
 from nas_data.gap.search.hypothesis import Description, Hypothesis, effect_key
+from nas_data.gap.search.moves.add import fit_worst_joints
 from nas_data.gap.search.moves.replace_by_rival import fit_rivals
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.search import Search
@@ -72,6 +73,8 @@ class Naming:
         description: Structure of the final fit.
         plain_description: Structure of the plain fit.
         stable: Whether two halves of the recording agree, by joint; see `final.compare_halves`.
+        candidates: If nothing is named although a gap remains, hypotheses with one effect that is not worth its price
+            yet, best first.
     """
 
     findings: tuple[Finding, ...]
@@ -82,6 +85,7 @@ class Naming:
     description: Description
     plain_description: Description
     stable: Mapping[str, bool]
+    candidates: tuple[Hypothesis, ...] = ()
 
     def with_fit(self, final: FinalFit) -> "Naming":
         """Return the same names with the parameters of another fit that contains them."""
@@ -146,8 +150,22 @@ def name(
     baseline = FinalFit(plain.effects, plain.fit.factors, (), choice.plain_fine)
     final = replace(final, factors={**final.factors, **firm})
     return Naming(
-        tuple(findings), final, null, baseline, tuple(rivals), kept.description, plain.description, final.stable
+        tuple(findings),
+        final,
+        null,
+        baseline,
+        tuple(rivals),
+        kept.description,
+        plain.description,
+        final.stable,
+        find_candidates(search, kept),
     )
+
+
+def find_candidates(search: Search, kept: Hypothesis) -> tuple[Hypothesis, ...]:
+    """Return hypotheses with one effect that falls short of its price by less than that, if nothing is named."""
+    ranked = [] if kept.effects else fit_worst_joints(search, kept)
+    return tuple(h for h in ranked if h.score.over(kept.score) < PRICE)[:MAX_ALTERNATIVES]
 
 
 def withdraw(search: Search, kept: Hypothesis) -> Hypothesis:

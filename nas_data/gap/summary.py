@@ -19,6 +19,7 @@ VERDICTS = {
 RETUNED_FAR = (
     "No effect is named: the model's own parameters reduce the gap to the noise, but change by more than 25 %."
 )
+UNDECIDED = "Unexplained: this recording does not decide which effect is missing."
 IN_MOTION = (
     "The error is above the noise floor because episodes begin in motion, "
     "in states that are estimated from noisy readings."
@@ -89,6 +90,8 @@ def describe_verdict(report: GapReport) -> str:
     """Return the verdict as a sentence."""
     if report.verdict == "retuned" and any(entry.is_large for entry in report.retuned):
         return RETUNED_FAR
+    if report.verdict == "unexplained" and report.experiments:
+        return UNDECIDED
     return VERDICTS.get(report.verdict, f"Verdict: {report.verdict}.")
 
 

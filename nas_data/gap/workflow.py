@@ -117,7 +117,8 @@ def name_and_report(
     if learn:
         say("learn: φ on the remaining gap")
         outcome = replace(outcome, learned=train_on_top(problem, outcome.model, learn, say))
-    experiment = propose_experiment(problem, named, folder, say) if propose and naming.findings else Proposal()
+    is_open = bool(naming.findings or named.candidates)
+    experiment = propose_experiment(problem, named, folder, say) if propose and is_open else Proposal()
     report = compose(problem, found, naming, outcome, experiment, time.monotonic() - began)
     report = replace(report, made_from=record_origin(problem, folder, learn))
     write_difference(folder, problem.without_registers, problem.names[1])
@@ -157,19 +158,18 @@ def train_on_top(problem: Problem, model: Path, updates: int, say: Report) -> Le
 def propose_experiment(problem: Problem, naming: Naming, folder: Path, say: Report = silence) -> Proposal:
     """Write the commands of the experiment that decides the least certain names, and describe it.
 
+    If nothing is named, it decides whether the best candidate is at work.
+
     Args:
         problem: Recording and model.
         naming: Names as found, without what is delivered beside them, which their rivals lack.
         folder: Folder of the report.
         say: Receives progress messages.
     """
-    rivals = naming.surviving_rivals
-    if not rivals:
+    leader, others = list_survivors(naming)
+    if not others:
         return Proposal()
     say("simulating experiments that would test the least certain names")
-    firm = {name: factor for name, factor in naming.final.factors.items() if name.endswith(FIRM)}
-    leader = Rival(naming.final.effects, dict(naming.final.factors))
-    others = [Rival(rival.effects, {**rival.fit.factors, **firm}) for rival in rivals]
     train = problem.train
     try:
         experiment = choose_next_experiment(train.nominal, train.evidence, leader, others, train.floor, seed=0)
@@ -179,3 +179,13 @@ def propose_experiment(problem: Problem, naming: Naming, folder: Path, say: Repo
     compared = tuple(row.describe() for row in experiment.table)
     commands = f" (commands in {EXPERIMENT})" if experiment.decides else f"; {EXPERIMENT} is the best of those tried"
     return Proposal(experiment.text + commands, compared)
+
+
+def list_survivors(naming: Naming) -> tuple[Rival, list[Rival]]:
+    """Return the best explanation of the recording, and the others that it does not rule out."""
+    final = naming.final
+    firm = {name: factor for name, factor in final.factors.items() if name.endswith(FIRM)}
+    hypotheses = naming.surviving_rivals if naming.findings else naming.candidates
+    others = [Rival(h.effects, {**h.fit.factors, **firm}) for h in hypotheses]
+    found = Rival(final.effects, dict(final.factors))
+    return (others[0], [found, *others[1:]]) if others and not naming.findings else (found, others)

@@ -40,6 +40,14 @@ def test_a_runner_up_at_another_place_is_told_with_its_place(joint, rival, rival
     assert said in "\n".join(list_findings(named(joint, rival, rival_joint)))
 
 
+def test_a_gap_that_an_experiment_would_decide_is_not_said_to_lie_outside_the_catalogue():
+    tried = {"name": "chirp", "on": ["waist"], "seconds": 12.0, "separation": 4.0, "joint": "waist"}
+    for experiments, said in (([], "no effect in the catalogue"), ([tried], "does not decide")):
+        report = gap_report(verdict="unexplained", experiments=experiments)
+        assert said in list_findings(report)[0]
+        assert said in describe_verdict(report)
+
+
 def test_a_placebo_is_told_with_its_place():
     said = [name_with_place(make_effect("command_delay", joint, {"delay": 0.04})) for joint in (None, "waist")]
     assert said == ["command_delay in the whole arm", "command_delay in waist"]

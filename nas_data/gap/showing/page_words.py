@@ -211,10 +211,11 @@ def describe_unexplained(report: GapReport) -> str:
     """Describe a gap that no effect explains."""
     gap = report.gap
     how = "when all its smooth parameters are fitted" if gap.delivered == "plain" else "when its own are retuned"
+    who = "this recording does not decide" if report.experiments else "no effect in the catalogue explains"
     return (
-        f"Something is missing in {describe_model(report)} that no effect in the catalogue "
-        f"explains{describe_places(report)}: its error on held-out episodes is {format_error(gap, 'before')}, "
-        f"{format_error(gap, 'after')} {how}, and the noise of the readings is {format_error(gap, 'noise_floor')}."
+        f"Something is missing in {describe_model(report)} that {who}{describe_places(report)}: its error on held-out "
+        f"episodes is {format_error(gap, 'before')}, {format_error(gap, 'after')} {how}, and the noise of the readings "
+        f"is {format_error(gap, 'noise_floor')}."
     )
 
 
