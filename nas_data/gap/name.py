@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import zip_longest
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -43,6 +44,8 @@ class Finding:
         alternatives: Rivals in its place, with their held-out error.
         equals: Rivals that these data cannot distinguish from it. Equivalent effects, which no data could distinguish,
             do not reduce the confidence.
+        doubts: Hypotheses with a rival in its place, or without it, that predict nearly as well, closest first. The
+            best rival if none does.
     """
 
     effect: Effect
@@ -53,6 +56,7 @@ class Finding:
     alternatives: tuple[tuple[Effect, float], ...]
     equals: tuple[Effect, ...] = ()
     episode_range: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    doubts: tuple[Hypothesis, ...] = ()
 
     @property
     def confidence(self) -> float:
@@ -105,13 +109,13 @@ class Naming:
 
     @property
     def surviving_rivals(self) -> list[Hypothesis]:
-        """Best rivals of the findings with a confidence below `SURE_CONFIDENCE`, lowest first, at most three."""
-        unsure = [
-            (finding.confidence, rival)
-            for finding, rival in zip(self.findings, self.rivals, strict=True)
-            if finding.confidence < SURE_CONFIDENCE and rival is not None
-        ]
-        return [rival for _, rival in sorted(unsure, key=lambda pair: pair[0])][:MAX_ALTERNATIVES]
+        """Doubts about the findings with a confidence below `SURE_CONFIDENCE`, lowest first, at most three.
+
+        The closest doubt about each comes first, then the next.
+        """
+        unsure = sorted((one for one in self.findings if one.confidence < SURE_CONFIDENCE), key=lambda f: f.confidence)
+        ranks = zip_longest(*(finding.doubts for finding in unsure))
+        return [h for rank in ranks for h in rank if h is not None][:MAX_ALTERNATIVES]
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # idle BLAS threads would occupy cores of the rollouts
@@ -204,6 +208,8 @@ def assess(search: Search, kept: Hypothesis, final: FinalFit, number: int) -> tu
         if (h := search.fit_rival(rest.add_effects(twin), kept)) and h.is_finite
     ]
     joints = select_joints(search, effect)
+    closeness = {id(h): compute_closeness(search, kept, h) for h in [*ranked, *twins, without]}
+    close = [h for h in [*ranked, without] if closeness[id(h)] >= EQUAL_CLOSENESS]
     finding = Finding(
         effect=final.effects[number],
         interval=final.intervals[number],
@@ -211,10 +217,11 @@ def assess(search: Search, kept: Hypothesis, final: FinalFit, number: int) -> tu
         before=rms(without.heldout, joints),
         after=rms(kept.heldout, joints),
         alternatives=tuple((h.effects[-1], rms(h.heldout, joints)) for h in [*ranked, *twins]),
-        equals=tuple(h.effects[-1] for h in [*ranked, *twins] if compute_closeness(search, kept, h) >= EQUAL_CLOSENESS),
+        equals=tuple(h.effects[-1] for h in [*ranked, *twins] if closeness[id(h)] >= EQUAL_CLOSENESS),
         episode_range=find_delay_range(
             replace(search.train, fine=final.fine), final.effects, dict(final.factors), number
         ),
+        doubts=tuple(sorted(close, key=lambda h: -closeness[id(h)]) or ranked[:1]),
     )
     return finding, ranked[0] if ranked else None
 

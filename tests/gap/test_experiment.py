@@ -92,7 +92,7 @@ def test_every_experiment_starts_at_rest_slowly_and_stays_within_limits(arm, exp
 def test_the_chosen_experiment_separates_the_rivals_at_least_as_well_as_every_other(arm, experiment):
     commands = [row.trial.commands for row in experiment.table]
     evidence = make_batch(arm, commands, CommandRange.of(arm, nothing(JOINTS, 0.01)).pose)
-    again = compute_separations(arm, (PLAY, FRICTION), evidence, FLOOR, ("elbow",)).max(axis=1)
+    again = compute_separations(arm, (PLAY, FRICTION), nothing(JOINTS, 0.01), evidence, FLOOR, ("elbow",)).max(axis=1)
     np.testing.assert_allclose(again, [row.separation for row in experiment.table], rtol=1e-6)
     assert again.argmax() == 0
     np.testing.assert_array_equal(commands[0], experiment.commands)
@@ -133,7 +133,7 @@ def test_a_rival_that_follows_differs_less_than_one_that_does_not(arm, experimen
 
 def test_rivals_that_are_the_same_are_said_to_be_inseparable(arm, experiment):
     chosen = make_batch(arm, [experiment.commands], CommandRange.of(arm, nothing(JOINTS, 0.01)).pose)
-    apart = compute_separations(arm, (PLAY, PLAY), chosen, FLOOR, ("elbow",))
+    apart = compute_separations(arm, (PLAY, PLAY), nothing(JOINTS, 0.01), chosen, FLOOR, ("elbow",))
     assert apart.max() < 0.5
     worst = experiment.table[0].__class__(experiment.table[0].trial, (float(apart.max()),), ("elbow",), 12.0)
     assert describe_experiment(worst, PLAY, [FRICTION], JOINTS).startswith(

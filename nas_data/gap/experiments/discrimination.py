@@ -1,6 +1,6 @@
 """Difference of two hypotheses in an experiment after one is fitted to the other."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,12 +9,13 @@ from nas_data.effects.base import Effect
 from nas_data.gap.episode_batch import EpisodeBatch, pad_rows
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.nominal_parameters import NominalParameter, scale_base_parameters
-from nas_data.gap.search.fit import fit, measure_jacobian
+from nas_data.gap.search.fit import broyden_update, build_normal_equations, measure_jacobian
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters, select_free_base
 from nas_data.gap.side_by_side import map_in_parallel
 
 STEPS = 4  # Gauss-Newton steps of the second rival; after two it has not converged
+HALVINGS = (1.0, 0.5, 0.25, 0.125)  # shares of a step that are tried
 
 
 @dataclass(frozen=True)
@@ -53,15 +54,22 @@ def make_batch(nominal: Nominal, commands: Sequence[np.ndarray], pose: np.ndarra
 
 
 def compute_separations(
-    nominal: Nominal, rivals: tuple[Rival, Rival], evidence: EpisodeBatch, floor: np.ndarray, concerned: Sequence[str]
+    nominal: Nominal,
+    rivals: tuple[Rival, Rival],
+    recorded: EpisodeBatch,
+    evidence: EpisodeBatch,
+    floor: np.ndarray,
+    concerned: Sequence[str],
 ) -> np.ndarray:
     """Return the difference of two rivals in each experiment, after the second is fitted to the first.
 
-    T-optimality (Atkinson and Fedorov, 1975): only what the second cannot imitate distinguishes them.
+    T-optimality (Atkinson and Fedorov, 1975): only what the second cannot imitate distinguishes them. It has to explain
+    the recorded episodes, too: their curvature about its parameters holds these.
 
     Args:
         nominal: Given model.
         rivals: The second is fitted to the predictions of the first.
+        recorded: Episodes to which both are fitted already.
         evidence: E experiments of n joints.
         floor: Noise floor of each joint [rad; m], shape (n,).
         concerned: Joints in which the rivals differ.
@@ -77,28 +85,68 @@ def compute_separations(
     task = FitTask(make_follower(nominal, follower, concerned), replace(evidence, measured=first), floor)
     parameters = FreeParameters(follower.effects, select_free_parameters(nominal, follower, concerned))
     start = parameters.initial_theta(dict(follower.factors))
+    curvature = measure_curvature(replace(task, evidence=recorded), parameters, start)
+    # measured for all experiments in one batch; each experiment is then fitted alone
     second = task.nominal.predict(evidence, follower.effects, parameters.factors_at(start))
-    # common columns are measured for all experiments in one batch; each experiment is then fitted alone
-    places = {*concerned, None} if len(concerned) == len(nominal.joints) else {*concerned}
-    common = [column for column in range(parameters.size) if not is_concerned(parameters, column, places)]
-    known = dict(zip(common, measure_jacobian(task, parameters, start, second, common), strict=True))
+    jacobian = measure_jacobian(task, parameters, start, second, range(parameters.size))
 
     def follow(episode: int) -> np.ndarray:
         alone = task.select([episode])
-        columns = {column: rows[[episode]] for column, rows in known.items()}
-        found = fit(alone, parameters, start, columns, STEPS, 0)
-        return alone.evidence.mean_squares(found.predicted) if found else np.zeros((1, len(alone.floor)))
+        predicted = imitate(alone, parameters, start, second[[episode]], jacobian[:, [episode]], curvature)
+        return alone.evidence.mean_squares(predicted)
 
     squares = np.concatenate(map_in_parallel(follow, range(len(evidence))))
     counted = np.isin(nominal.joints, list(concerned))
     return np.asarray(np.where(counted, np.sqrt(squares) / floor, 0.0))
 
 
-def is_concerned(parameters: FreeParameters, column: int, places: Collection[str | None]) -> bool:
-    """Whether a column belongs to an effect at one of some places: joints, or None for the whole arm."""
-    if column >= len(parameters.effect_parameters):
-        return False
-    return any(effect.joint in places for effect in parameters.effects_of(column))
+def measure_curvature(task: FitTask, parameters: FreeParameters, theta: np.ndarray) -> np.ndarray:
+    """Return the Hessian of misfit and prior at a fit, shape (size, size); of the prior only if the model diverges."""
+    prior = np.diag(parameters.prior_weights(theta) ** 2)
+    predicted = task.predict(parameters, theta)
+    if predicted is None:
+        return prior
+    jacobian = measure_jacobian(task, parameters, theta, predicted, range(parameters.size))
+    return build_normal_equations(task, predicted, jacobian)[0] + prior
+
+
+def imitate(
+    task: FitTask,
+    parameters: FreeParameters,
+    start: np.ndarray,
+    predicted: np.ndarray,
+    jacobian: np.ndarray,
+    curvature: np.ndarray,
+) -> np.ndarray:
+    """Return the positions nearest to those of a task that parameters near their start can give, shape (E, T, n).
+
+    Gauss-Newton steps on the misfit plus ½ Δθᵀ C Δθ, halved until they lower it.
+
+    Args:
+        task: Model, and experiments with the positions to imitate.
+        parameters: Free parameters.
+        start: Their values from earlier episodes, shape (size,).
+        predicted: Positions with these, shape (E, T, n).
+        jacobian: Derivatives of these by θ, shape (size, E, T, n).
+        curvature: C, Hessian of the earlier episodes' loss, shape (size, size).
+    """
+    low, high = parameters.bounds()
+    theta, loss = start, task.misfit(predicted)
+    for _ in range(STEPS):
+        hessian, gradient = build_normal_equations(task, predicted, jacobian)
+        whole = hessian + curvature + 1e-9 * np.eye(len(start))
+        step = -np.linalg.solve(whole, gradient + curvature @ (theta - start))
+        for share in HALVINGS:
+            moved = np.clip(theta + share * step, low, high)
+            other = task.predict(parameters, moved)
+            reached = task.misfit(other) + 0.5 * (moved - start) @ curvature @ (moved - start)
+            if other is not None and reached < loss:
+                break
+        else:
+            break
+        jacobian = jacobian + broyden_update(jacobian, moved - theta, other - predicted)
+        theta, predicted, loss = moved, other, float(reached)
+    return predicted
 
 
 def select_free_parameters(nominal: Nominal, rival: Rival, concerned: Sequence[str]) -> tuple[NominalParameter, ...]:

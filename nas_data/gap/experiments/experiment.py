@@ -117,7 +117,7 @@ def choose_next_experiment(
     batch = make_batch(nominal, [trial.commands for trial in trials], room.pose)
     apart = np.stack(
         [
-            compute_separations(nominal, (leader, rival), batch, floor, joints)
+            compute_separations(nominal, (leader, rival), evidence, batch, floor, joints)
             for rival, joints in zip(rivals, differing, strict=True)
         ],
         axis=1,
