@@ -118,11 +118,11 @@ class Blind:
         heads = ["seed", "commit", *FAMILIES.values(), "wrong with confidence ≥ 0.8"]
         return markdown_table([*heads, "error of parameters, median", "intervals with the true value"], rows)
 
-    def beside(self, seeds: Sequence[int], setting: str) -> str:
+    def beside(self, seeds: Sequence[int], *settings: str) -> str:
         """Return the table of the cases that hide a cause outside the catalogue, alone or beside effects."""
         rows = []
         for family, label in {"outside": FAMILIES["outside"], **BESIDE}.items():
-            cases = [case for seed in seeds for case in self._of(seed, setting, family)]
+            cases = [case for seed in seeds for setting in settings for case in self._of(seed, setting, family)]
             rows += [tell_beside(label, family, cases)] if cases else []
         heads = ["hidden", "cases", "found", "wrong names", "wrong with confidence ≥ 0.8", "called complete"]
         return markdown_table([*heads, "intervals with the true value"], rows)

@@ -140,6 +140,8 @@ def describe_alternative(effect: Effect, error: float) -> Alternative:
 def describe_joints(held: FitTask, naming: Naming, after: np.ndarray) -> Mapping[str, JointDescription]:
     """Return completeness, held-out error over the floor and stability of each joint.
 
+    A description is at most as certain as the least certain name in it, those of the whole arm included.
+
     Args:
         held: Model and held-out episodes.
         naming: Named effects.
@@ -147,12 +149,17 @@ def describe_joints(held: FitTask, naming: Naming, after: np.ndarray) -> Mapping
     """
     return {
         joint: JointDescription(
-            complete=round(float(min(1.0, (EXPLAINED / max(ratio, 1e-9)) ** 2)), 3),
+            complete=round(float(min(1.0, (EXPLAINED / max(ratio, 1e-9)) ** 2, *list_confidences(naming, joint))), 3),
             ratio_to_noise=round(float(ratio), 2),
             stable=naming.stable.get(joint, True),
         )
         for joint, ratio in zip(held.evidence.joints, after, strict=True)
     }
+
+
+def list_confidences(naming: Naming, joint: str) -> list[float]:
+    """Return the confidence of each name of a joint and of the whole arm."""
+    return [finding.confidence for finding in naming.findings if finding.effect.joint in (joint, None)]
 
 
 def find_unexplained(held: FitTask, predicted: np.ndarray, after: np.ndarray) -> tuple[Unexplained, ...]:

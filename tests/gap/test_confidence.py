@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from nas_data.gap.compose import describe_joints
 from nas_data.gap.confidence import Support, compute_chosen_share
 
 
@@ -53,3 +54,14 @@ def test_a_name_that_helps_in_one_episode_and_harms_in_others_is_chosen_in_some_
     one[0] = [0.2, 1]
     kept = make_hypothesis(one, repeat(9, 1), 0.0)
     assert 0.05 < compute_chosen_share(SEARCH, kept, WITHOUT) < 0.95
+
+
+def test_a_joint_is_at_most_as_complete_as_its_names_are_certain():
+    def find(joint: str | None, confidence: float) -> SimpleNamespace:
+        return SimpleNamespace(effect=SimpleNamespace(joint=joint), confidence=confidence)
+
+    held = SimpleNamespace(evidence=SimpleNamespace(joints=("m1", "m2", "m3")))
+    for arm, expected in (([], [0.6, 1.0, 0.25]), ([find(None, 0.4)], [0.4, 0.4, 0.25])):
+        naming = SimpleNamespace(findings=[find("m1", 0.9), find("m1", 0.6), *arm], stable={})
+        joints = describe_joints(held, naming, np.array([1.0, 1.2, 3.0]))
+        assert [joint.complete for joint in joints.values()] == expected
