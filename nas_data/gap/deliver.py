@@ -13,7 +13,7 @@ from nas_data.gap.name import Naming
 from nas_data.gap.problem import Problem
 from nas_data.gap.score_model import HeldOutResult, Prediction, predict_held, score_model
 from nas_data.gap.search.constants import ERROR_SHARE, EXPLAINED
-from nas_data.gap.search.final import MAX_RATIO, FinalFit, fit_final
+from nas_data.gap.search.final import MAX_RATIO, ROUNDS, FinalFit, fit_final
 from nas_data.gap.search.hypothesis import Description, effect_key
 from nas_data.gap.search.plain_fit import convert_parameter
 from nas_data.gap.write_model import write_effects
@@ -74,9 +74,16 @@ class Delivery:
         """Write and score another model."""
         return score_model(self.problem, final, self.naming.null, self.naming.plain, self.folder)
 
-    def fit(self, description: Description, factors: Mapping[str, float], fine: bool, **options: int) -> FinalFit:
-        """Fit another description to the training episodes, with finer physics steps or without."""
-        return fit_final(replace(self.problem.train, fine=fine), description, dict(factors), **options)
+    def fit(
+        self,
+        description: Description,
+        factors: Mapping[str, float],
+        fine: bool,
+        rounds: int = ROUNDS,
+        intervals: bool = True,
+    ) -> FinalFit:
+        """Fit another description to the training episodes, with finer physics steps or without; see `fit_final`."""
+        return fit_final(replace(self.problem.train, fine=fine), description, dict(factors), rounds, intervals)
 
     def deliver_with_names(self, other: HeldOutResult) -> Delivered:
         """Return another model with the names as found, which `effects.json` then holds."""
@@ -121,7 +128,7 @@ def keep_written_names(found: Delivery) -> Delivered | None:
     if not found.has_hooks or not found.accepts(found.outcome.after):
         return None
     final = found.naming.final
-    part = found.fit(select_written_effects(found.with_plain), found.factors_with_plain, final.fine)
+    part = found.fit(select_written_effects(found.with_plain), found.factors_with_plain, final.fine, intervals=False)
     if not found.accepts(predict_held(found.problem, part)):
         return None
     return found.deliver_with_names(

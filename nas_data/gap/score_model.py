@@ -201,7 +201,7 @@ def fit_model_effects(problem: Problem, final: FinalFit) -> FinalFit:
     sizes = zip(final.effects, estimate_effect_scales(problem, final), strict=True)
     near = [effect if effect.joint is None else effect.nearest_in_model(own) for effect, own in sizes]
     description = Description(tuple(effect for effect in near if effect is not None))
-    return fit_final(problem.train, description, dict(final.factors), rounds=1)
+    return fit_final(problem.train, description, dict(final.factors), rounds=1, intervals=False)
 
 
 def estimate_effect_scales(problem: Problem, final: FinalFit) -> list[Scales]:

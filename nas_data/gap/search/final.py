@@ -64,7 +64,9 @@ def reach(interval: tuple[float, float], value: float) -> tuple[float, float]:
     return min(interval[0], value), max(interval[1], value)
 
 
-def fit_final(task: FitTask, description: Description, factors: dict[str, float], rounds: int = ROUNDS) -> FinalFit:
+def fit_final(
+    task: FitTask, description: Description, factors: dict[str, float], rounds: int = ROUNDS, intervals: bool = True
+) -> FinalFit:
     """Fit a hypothesis to all training episodes.
 
     Args:
@@ -72,6 +74,7 @@ def fit_final(task: FitTask, description: Description, factors: dict[str, float]
         description: Hypothesis; its effects are the initial values.
         factors: Initial factors of the model's parameters, by name, and of friction that is made firm.
         rounds: Number of fits, each relinearised at the last.
+        intervals: Whether to compute the confidence intervals, which takes up to two further fits.
     """
     firm = {name: factor for name, factor in factors.items() if name.endswith(FIRM)}
     task = task.with_firm_friction(firm) if firm else task
@@ -94,7 +97,7 @@ def fit_final(task: FitTask, description: Description, factors: dict[str, float]
     return FinalFit(
         effects=found.effects,
         factors={**found.factors, **firm},
-        intervals=compute_intervals(task, description, found),
+        intervals=compute_intervals(task, description, found) if intervals else tuple({} for _ in found.effects),
         fine=task.fine,
         at_bound=find_at_bound(found),
         conditioning=compute_conditioning(task, found),
