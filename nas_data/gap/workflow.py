@@ -177,7 +177,7 @@ def propose_experiment(problem: Problem, naming: Naming, folder: Path, say: Repo
         return Proposal(f"none could be computed: {error}")
     write_experiment(experiment, folder / EXPERIMENT)
     compared = tuple(row.describe() for row in experiment.table)
-    commands = f" (commands in {EXPERIMENT})" if experiment.decides else f"; {EXPERIMENT} is the best of those tried"
+    commands = f" (commands in {EXPERIMENT})" if experiment.decides else f" (commands of varied motion in {EXPERIMENT})"
     return Proposal(experiment.text + commands, compared)
 
 

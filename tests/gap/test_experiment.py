@@ -19,7 +19,7 @@ from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.experiments.command_limits import SPEED, CommandRange, mask_joints
 from nas_data.gap.experiments.discrimination import compute_separations, find_differing_joints, make_batch
 from nas_data.gap.experiments.experiment import Rival, choose_next_experiment, describe_experiment, write_experiment
-from nas_data.gap.experiments.library import KINDS, is_harmless
+from nas_data.gap.experiments.library import KINDS, STEPS, is_harmless
 from nas_data.gap.nominal import Nominal
 
 JOINTS = ("shoulder", "elbow")
@@ -140,6 +140,13 @@ def test_rivals_that_are_the_same_are_said_to_be_inseparable(arm, experiment):
         "no simulated experiment separates backlash from"
     )
     assert not replace(experiment, table=(worst,)).decides
+
+
+def test_if_no_experiment_separates_the_rivals_all_joints_move_in_steps(arm):
+    found = choose_next_experiment(arm, nothing(JOINTS, 0.01), PLAY, [PLAY], FLOOR, seed=3)
+    assert not found.decides
+    (steps,) = (row for row in found.table if row.trial.name == STEPS and row.trial.moved == JOINTS)
+    np.testing.assert_array_equal(found.commands, steps.trial.commands)
 
 
 def test_rivals_of_one_name_are_told_apart_by_their_joints(experiment):

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from nas_data.errors import OptionError
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.experiments.command_limits import CommandRange
 from nas_data.gap.experiments.discrimination import Rival, compute_separations, find_differing_joints, make_batch
-from nas_data.gap.experiments.library import ExperimentDesign, generate_experiments
+from nas_data.gap.experiments.library import STEPS, ExperimentDesign, generate_experiments
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.report_parts import TriedExperiment
 
@@ -74,7 +74,8 @@ class NextExperiment:
     Attributes:
         text: Description in one sentence.
         names: Columns of its command file: `<joint>.pos` [rad], `.vel` [rad/s] or `.effort` [N·m].
-        commands: Commands from the rest pose with a slow approach, shape (T, n).
+        commands: Commands from the rest pose with a slow approach, shape (T, n): of the first experiment of the table,
+            or of steps of all joints if that does not decide.
         period: Control period [s].
         table: All experiments, most informative first.
     """
@@ -134,7 +135,14 @@ def choose_next_experiment(
     table = tuple(sorted(rows, key=lambda row: -row.information))
     names = tuple(joint + kind for joint, kind in zip(nominal.joints, nominal.simulator().kinds, strict=True))
     text = describe_experiment(table[0], leader, rivals, nominal.joints)
-    return NextExperiment(text, names, table[0].trial.commands, nominal.period, table)
+    found = NextExperiment(text, names, table[0].trial.commands, nominal.period, table)
+    return found if found.decides else replace(found, commands=choose_varied(table, nominal.joints).trial.commands)
+
+
+def choose_varied(table: Sequence[RatedExperiment], joints: Sequence[str]) -> RatedExperiment:
+    """Return the steps of all joints, which narrow the model's own parameters; the first experiment without them."""
+    steps = (row for row in table if row.trial.name == STEPS and set(row.trial.moved) == set(joints))
+    return next(steps, table[0])
 
 
 def describe_experiment(best: RatedExperiment, leader: Rival, rivals: Sequence[Rival], joints: Sequence[str]) -> str:
@@ -147,7 +155,8 @@ def describe_experiment(best: RatedExperiment, leader: Rival, rivals: Sequence[R
         return (
             f"no simulated experiment separates {every}: at best, in {best.trial.name}, the two models would "
             "differ by "
-            f"{best.separation:.1f} times the noise; a finer sensor or more load is needed"
+            f"{best.separation:.1f} times the noise; a finer sensor or more load is needed, or varied motion, which "
+            "narrows the model's own parameters"
         )
     place = "all joints" if len(best.trial.moved) == len(joints) > 1 else " and ".join(best.trial.moved)
     where = "there" if best.trial.moved == (best.joint,) else f"at {best.joint}"
