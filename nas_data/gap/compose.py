@@ -1,6 +1,6 @@
 """Composition of the gap report, and the series for its figures."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -43,6 +43,7 @@ from nas_data.joint_units import find_joint_unit, group_by_kind
 from nas_data.typed_json import from_json
 
 METRIC = "open-loop position RMSE on held-out episodes"
+JUST_EXPLAINED = 0.8  # completeness of a joint whose error is `EXPLAINED`
 
 
 @dataclass(frozen=True)
@@ -140,8 +141,6 @@ def describe_alternative(effect: Effect, error: float) -> Alternative:
 def describe_joints(held: FitTask, naming: Naming, after: np.ndarray) -> Mapping[str, JointDescription]:
     """Return completeness, held-out error over the floor and stability of each joint.
 
-    A description is at most as certain as the least certain name in it, those of the whole arm included.
-
     Args:
         held: Model and held-out episodes.
         naming: Named effects.
@@ -149,12 +148,24 @@ def describe_joints(held: FitTask, naming: Naming, after: np.ndarray) -> Mapping
     """
     return {
         joint: JointDescription(
-            complete=round(float(min(1.0, (EXPLAINED / max(ratio, 1e-9)) ** 2, *list_confidences(naming, joint))), 3),
+            complete=compute_completeness(float(ratio), list_confidences(naming, joint)),
             ratio_to_noise=round(float(ratio), 2),
             stable=naming.stable.get(joint, True),
         )
         for joint, ratio in zip(held.evidence.joints, after, strict=True)
     }
+
+
+def compute_completeness(ratio: float, confidences: Sequence[float]) -> float:
+    """Return how complete a joint's description is, 0 to 1.
+
+    It is below `JUST_EXPLAINED` for joints that are not explained, and at most the lowest confidence of the names.
+
+    Args:
+        ratio: Held-out error over the floor with the named effects.
+        confidences: Those of the joint's names and of the whole arm's.
+    """
+    return round(min(1.0, JUST_EXPLAINED * (EXPLAINED / max(ratio, 1e-9)) ** 2, *confidences), 3)
 
 
 def list_confidences(naming: Naming, joint: str) -> list[float]:
