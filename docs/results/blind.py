@@ -13,6 +13,8 @@ import pyarrow.parquet as pq
 import tyro
 from pages import HERE, markdown_table, render, write_page
 
+from nas_data.benchmarks.blind.catalogue import OUTSIDE
+
 # of cases, `SURE`
 GIVEN = {"0.03", "0.2", "0.088", "0.29", "1.4", "0.5", "1.1", "2.5", "1.3", "0.6", "1.5", "0.8", "0.9"}
 FAMILIES = {
@@ -126,6 +128,12 @@ class Blind:
             rows += [tell_beside(label, family, cases)] if cases else []
         heads = ["hidden", "cases", "found", "wrong names", "wrong with confidence ≥ 0.8", "called complete"]
         return markdown_table([*heads, "intervals with the true value"], rows)
+
+    def effects_found(self, seeds: Sequence[int], *settings: str) -> str:
+        """Return how many effects of the catalogue are named in cases with a cause outside it, of how many."""
+        cases = [case for seed in seeds for setting in settings for case in self._of(seed, setting)]
+        hidden = sum(effect not in OUTSIDE for case in cases for effect, _ in case["true"])
+        return f"{hidden - sum(len(case['missing']) for case in cases)} of {hidden}"
 
     def methods(self, seed: int, setting: str) -> str:
         """Return the table of the other methods on the cases that they were given, `nas gap` beside them."""
