@@ -44,8 +44,8 @@ class Finding:
         alternatives: Rivals in its place, with their held-out error.
         equals: Rivals that these data cannot distinguish from it. Equivalent effects, which no data could distinguish,
             do not reduce the confidence.
-        doubts: Hypotheses with a rival in its place, or without it, that predict nearly as well, closest first. The
-            best rival if none does.
+        doubts: Hypotheses with a rival in its place, or without it, that predict nearly as well, closest first. If
+            none does, the best rival, or the hypothesis without it.
     """
 
     effect: Effect
@@ -221,7 +221,7 @@ def assess(search: Search, kept: Hypothesis, final: FinalFit, number: int) -> tu
         episode_range=find_delay_range(
             replace(search.train, fine=final.fine), final.effects, dict(final.factors), number
         ),
-        doubts=tuple(sorted(close, key=lambda h: -closeness[id(h)]) or ranked[:1]),
+        doubts=tuple(sorted(close, key=lambda h: -closeness[id(h)]) or [*ranked, without][:1]),
     )
     return finding, ranked[0] if ranked else None
 
