@@ -49,17 +49,13 @@ def find_delay_range(
             return np.full(recordings.max() + 1, np.inf)
         return np.bincount(recordings, misfits)
 
-    table = {shift: measure(shift) for shift in (-1, 0, 1)}
+    table = {0: measure(0)}
     for side in (-1, 1):
-        # one episode that still gains at the end is reason enough to go on
-        while len(table) < 2 * MOST + 1 and (table[end := find_end(table, side)] < table[end - side]).any():
-            table[end + side] = measure(end + side)
+        for shift in range(side, side * (MOST + 1), side):
+            table[shift] = measure(shift)
+            if not (table[shift] < table[shift - side]).any():  # no episode gains any more
+                break
     return {name: own} if (own := read_range(table, getattr(effect, name))) else {}
-
-
-def find_end(table: Mapping[int, np.ndarray], side: int) -> int:
-    """Return the smallest or the largest shift of a table."""
-    return max(table) if side > 0 else min(table)
 
 
 def read_range(table: Mapping[int, np.ndarray], delay: float) -> tuple[float, float] | None:

@@ -9,13 +9,12 @@ from nas_data.effects.base import Effect
 from nas_data.gap.episode_batch import EpisodeBatch, pad_rows
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.nominal_parameters import NominalParameter, scale_base_parameters
-from nas_data.gap.search.fit import broyden_update, build_normal_equations, measure_jacobian
+from nas_data.gap.search.fit import Expansion, build_normal_equations, fit, measure_jacobian
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters, select_free_base
 from nas_data.gap.side_by_side import map_in_parallel
 
 STEPS = 4  # Gauss-Newton steps of the second rival; after two it has not converged
-HALVINGS = (1.0, 0.5, 0.25, 0.125)  # shares of a step that are tried
 
 
 @dataclass(frozen=True)
@@ -85,68 +84,28 @@ def compute_separations(
     task = FitTask(make_follower(nominal, follower, concerned), replace(evidence, measured=first), floor)
     parameters = FreeParameters(follower.effects, select_free_parameters(nominal, follower, concerned))
     start = parameters.initial_theta(dict(follower.factors))
-    curvature = measure_curvature(replace(task, evidence=recorded), parameters, start)
+    others = expand_misfit(replace(task, evidence=recorded), parameters, start)
     # measured for all experiments in one batch; each experiment is then fitted alone
     second = task.nominal.predict(evidence, follower.effects, parameters.factors_at(start))
     jacobian = measure_jacobian(task, parameters, start, second, range(parameters.size))
 
     def follow(episode: int) -> np.ndarray:
-        alone = task.select([episode])
-        predicted = imitate(alone, parameters, start, second[[episode]], jacobian[:, [episode]], curvature)
-        return alone.evidence.mean_squares(predicted)
+        alone, known = task.select([episode]), dict(enumerate(jacobian[:, [episode]]))
+        found = fit(alone, parameters, start, known, STEPS, 0, others)
+        return alone.evidence.mean_squares(found.predicted) if found else np.zeros((1, len(alone.floor)))
 
     squares = np.concatenate(map_in_parallel(follow, range(len(evidence))))
     counted = np.isin(nominal.joints, list(concerned))
     return np.asarray(np.where(counted, np.sqrt(squares) / floor, 0.0))
 
 
-def measure_curvature(task: FitTask, parameters: FreeParameters, theta: np.ndarray) -> np.ndarray:
-    """Return the Hessian of misfit and prior at a fit, shape (size, size); of the prior only if the model diverges."""
-    prior = np.diag(parameters.prior_weights(theta) ** 2)
+def expand_misfit(task: FitTask, parameters: FreeParameters, theta: np.ndarray) -> Expansion:
+    """Return the misfit of a task's episodes to second order about θ; zero if the model diverges there."""
     predicted = task.predict(parameters, theta)
     if predicted is None:
-        return prior
+        return Expansion.zero(parameters.size)
     jacobian = measure_jacobian(task, parameters, theta, predicted, range(parameters.size))
-    return build_normal_equations(task, predicted, jacobian)[0] + prior
-
-
-def imitate(
-    task: FitTask,
-    parameters: FreeParameters,
-    start: np.ndarray,
-    predicted: np.ndarray,
-    jacobian: np.ndarray,
-    curvature: np.ndarray,
-) -> np.ndarray:
-    """Return the positions nearest to those of a task that parameters near their start can give, shape (E, T, n).
-
-    Gauss-Newton steps on the misfit plus ½ Δθᵀ C Δθ, halved until they lower it.
-
-    Args:
-        task: Model, and experiments with the positions to imitate.
-        parameters: Free parameters.
-        start: Their values from earlier episodes, shape (size,).
-        predicted: Positions with these, shape (E, T, n).
-        jacobian: Derivatives of these by θ, shape (size, E, T, n).
-        curvature: C, Hessian of the earlier episodes' loss, shape (size, size).
-    """
-    low, high = parameters.bounds()
-    theta, loss = start, task.misfit(predicted)
-    for _ in range(STEPS):
-        hessian, gradient = build_normal_equations(task, predicted, jacobian)
-        whole = hessian + curvature + 1e-9 * np.eye(len(start))
-        step = -np.linalg.solve(whole, gradient + curvature @ (theta - start))
-        for share in HALVINGS:
-            moved = np.clip(theta + share * step, low, high)
-            other = task.predict(parameters, moved)
-            reached = task.misfit(other) + 0.5 * (moved - start) @ curvature @ (moved - start)
-            if other is not None and reached < loss:
-                break
-        else:
-            break
-        jacobian = jacobian + broyden_update(jacobian, moved - theta, other - predicted)
-        theta, predicted, loss = moved, other, float(reached)
-    return predicted
+    return Expansion(theta, *build_normal_equations(task, predicted, jacobian))
 
 
 def select_free_parameters(nominal: Nominal, rival: Rival, concerned: Sequence[str]) -> tuple[NominalParameter, ...]:

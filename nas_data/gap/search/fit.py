@@ -19,6 +19,35 @@ MAX_STEP = 1.5  # largest step of θ, a factor of 4.5 in a parameter
 
 
 @dataclass(frozen=True)
+class Expansion:
+    """Second-order expansion of other episodes' misfit about θ₀, gᵀ Δθ + ½ Δθᵀ H Δθ [nats].
+
+    Attributes:
+        theta: θ₀, shape (size,).
+        hessian: H, shape (size, size).
+        gradient: g, shape (size,).
+    """
+
+    theta: np.ndarray
+    hessian: np.ndarray
+    gradient: np.ndarray
+
+    @classmethod
+    def zero(cls, size: int) -> "Expansion":
+        """Return the expansion without other episodes."""
+        return cls(np.zeros(size), np.zeros((size, size)), np.zeros(size))
+
+    def measure(self, theta: np.ndarray) -> float:
+        """Return the change of the misfit at θ [nats]."""
+        change = theta - self.theta
+        return float(self.gradient @ change + 0.5 * change @ self.hessian @ change)
+
+    def slope(self, theta: np.ndarray) -> np.ndarray:
+        """Return the gradient at θ, shape (size,)."""
+        return np.asarray(self.gradient + self.hessian @ (theta - self.theta))
+
+
+@dataclass(frozen=True)
 class Fit:
     """A fitted hypothesis.
 
@@ -164,6 +193,7 @@ def fit(
     known: Mapping[int, np.ndarray] | None = None,
     steps: int = 6,
     jacobian_refreshes: int = 2,
+    others: Expansion | None = None,
 ) -> Fit | None:
     """Fit a hypothesis by damped Gauss-Newton steps.
 
@@ -178,6 +208,7 @@ def fit(
         steps: Largest number of steps.
         jacobian_refreshes: Number of times that columns of effects and freed parameters may be measured again when a
             step gains little. Without such columns, those of the model's parameters are measured.
+        others: Misfit of further episodes that the hypothesis has to explain, expanded; none if None.
 
     Returns:
         The fit; None if the model diverges at the initial values.
@@ -190,7 +221,8 @@ def fit(
     every, known = range(parameters.size), known or {}
     again = [column for column in every if is_effect_or_freed(parameters, column)] or list(every)
     measured_always = [column for column in range(len(parameters.effect_parameters)) if column not in known]
-    loss = task.misfit(predicted) + compute_prior_penalty(parameters, theta)
+    others = others or Expansion.zero(parameters.size)
+    loss = task.misfit(predicted) + compute_prior_penalty(parameters, theta) + others.measure(theta)
     jacobian = np.zeros((parameters.size, *predicted.shape))
     jacobian[list(known)] = [known[column] for column in known] if known else 0.0
     missing = [column for column in every if column not in known]
@@ -200,7 +232,7 @@ def fit(
         if number and measured_always and not fresh:
             columns = measured_always
             jacobian[columns] = measure_jacobian(task, parameters, theta, predicted, columns)
-        found = take_step(task, parameters, theta, predicted, jacobian, loss, DAMPING[first:])
+        found = take_step(task, parameters, theta, predicted, jacobian, loss, DAMPING[first:], others)
         little = found is None
         if found is not None:
             moved, other, better, damping = found
@@ -255,10 +287,12 @@ def take_step(
     jacobian: np.ndarray,
     loss: float,
     dampings: Sequence[float],
+    others: Expansion,
 ) -> tuple[np.ndarray, np.ndarray, float, float] | None:
     """Return θ, positions, loss and damping of a step that lowers the loss; None if no damping gains or promises it."""
     low, high = parameters.bounds()
     hessian, gradient = build_normal_equations(task, predicted, jacobian)
+    hessian, gradient = hessian + others.hessian, gradient + others.slope(theta)
     before = compute_prior_penalty(parameters, theta)
 
     def solve(prior: np.ndarray, damping: float) -> np.ndarray:
@@ -278,7 +312,7 @@ def take_step(
         if expected_gain < compute_convergence_tolerance(task):
             return None
         other = task.predict(parameters, moved)
-        better = task.misfit(other) + compute_prior_penalty(parameters, moved)
+        better = task.misfit(other) + compute_prior_penalty(parameters, moved) + others.measure(moved)
         if other is not None and better < loss:
             return moved, other, better, damping
     return None
