@@ -247,7 +247,7 @@ def describe_placebo(held: FitTask, naming: Naming) -> Placebo | None:
         return None
     error = float(np.sqrt(naming.placebo.heldout[:, select_first_kind(held)].mean()))
     rival = naming.placebo.effects[-1]
-    replaced = naming.findings[naming.rivals.index(naming.placebo)].effect
+    replaced = next(finding.effect for finding in naming.findings if finding.rival is naming.placebo)
     effects = (effect.to_json(held.nominal.slides) for effect in naming.placebo.effects)
     return Placebo(
         effects=tuple(from_json(FittedEffect, entry) for entry in effects),

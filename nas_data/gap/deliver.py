@@ -193,7 +193,7 @@ def leave_names_out(found: Delivery) -> Delivered:
     final = found.naming.plain if is_plain else FinalFit((), {}, (), fine=False)
     problem = found.problem if is_plain else found.problem.with_contacts()
     outcome = replace(found, problem=problem).score(final)
-    nameless = replace(found.naming, findings=(), rivals=(), final=final)
+    nameless = replace(found.naming, findings=(), final=final)
     return nameless, replace(outcome, delivered="plain" if is_plain else "given")
 
 

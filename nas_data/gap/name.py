@@ -44,6 +44,7 @@ class Finding:
         alternatives: Rivals in its place, with their held-out error.
         equals: Rivals that these data cannot distinguish from it. Equivalent effects, which no data could distinguish,
             do not reduce the confidence.
+        rival: Fitted hypothesis with the best rival in its place, if there is one.
         doubts: Hypotheses with a rival in its place, or without it, that predict nearly as well, closest first. If
             none does, the best rival, or the hypothesis without it.
     """
@@ -56,6 +57,7 @@ class Finding:
     alternatives: tuple[tuple[Effect, float], ...]
     equals: tuple[Effect, ...] = ()
     episode_range: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    rival: Hypothesis | None = None
     doubts: tuple[Hypothesis, ...] = ()
 
     @property
@@ -73,7 +75,6 @@ class Naming:
         final: Final fit to all training episodes.
         null: Model's own parameters fitted, no effects.
         plain: Plain fit.
-        rivals: For each finding, the fitted hypothesis with the best rival in its place, or None.
         description: Structure of the final fit.
         plain_description: Structure of the plain fit.
         stable: Whether two halves of the recording agree, by joint; see `final.compare_halves`.
@@ -85,7 +86,6 @@ class Naming:
     final: FinalFit
     null: FinalFit
     plain: FinalFit
-    rivals: tuple[Hypothesis | None, ...]
     description: Description
     plain_description: Description
     stable: Mapping[str, bool]
@@ -94,18 +94,17 @@ class Naming:
     def with_fit(self, final: FinalFit) -> "Naming":
         """Return the same names with the parameters of another fit that contains them."""
         numbers = {effect_key(effect): number for number, effect in enumerate(final.effects)}
-        kept = [
-            (replace(finding, effect=final.effects[number], interval=final.intervals[number]), rival)
-            for finding, rival in zip(self.findings, self.rivals, strict=True)
+        findings = tuple(
+            replace(finding, effect=final.effects[number], interval=final.intervals[number])
+            for finding in self.findings
             if (number := numbers.get(effect_key(finding.effect))) is not None
-        ]
-        findings, rivals = (tuple(members) for members in zip(*kept, strict=True)) if kept else ((), ())
-        return replace(self, findings=findings, final=final, rivals=rivals)
+        )
+        return replace(self, findings=findings, final=final)
 
     @property
     def placebo(self) -> Hypothesis | None:
         """Best rival of the finding with the highest confidence; None without rivals."""
-        return next((rival for rival in self.rivals if rival is not None), None)
+        return next((finding.rival for finding in self.findings if finding.rival is not None), None)
 
     @property
     def surviving_rivals(self) -> list[Hypothesis]:
@@ -145,12 +144,11 @@ def name(
     null = FinalFit((), search.null.fit.factors, ())
     say("last fit, on all training episodes")
     final = fit_final(train, kept.description, kept.fit.factors)
-    judged: list[tuple[Finding, Hypothesis | None]] = []
+    findings = []
     for number, effect in enumerate(kept.effects):
         say(f"checking {effect.name()} at {effect.joint or 'the arm'}, {number + 1} of {len(kept.effects)}")
-        judged.append(assess(search, kept, final, number))
-    order = sorted(range(len(judged)), key=lambda number: -judged[number][0].confidence)
-    findings, rivals = [judged[number][0] for number in order], [judged[number][1] for number in order]
+        findings.append(assess(search, kept, final, number))
+    findings.sort(key=lambda finding: -finding.confidence)
     baseline = FinalFit(plain.effects, plain.fit.factors, (), choice.plain_fine)
     final = replace(final, factors={**final.factors, **firm})
     return Naming(
@@ -158,7 +156,6 @@ def name(
         final,
         null,
         baseline,
-        tuple(rivals),
         kept.description,
         plain.description,
         final.stable,
@@ -191,8 +188,8 @@ def withdraw(search: Search, kept: Hypothesis) -> Hypothesis:
     return other
 
 
-def assess(search: Search, kept: Hypothesis, final: FinalFit, number: int) -> tuple[Finding, Hypothesis | None]:
-    """Compare one effect with its absence and its rivals; return the finding and the best rival's hypothesis."""
+def assess(search: Search, kept: Hypothesis, final: FinalFit, number: int) -> Finding:
+    """Compare one effect with its absence and its rivals."""
     effect = kept.effects[number]
     rest = kept.description.without_effect(number)
     fewer = (
@@ -210,7 +207,7 @@ def assess(search: Search, kept: Hypothesis, final: FinalFit, number: int) -> tu
     joints = select_joints(search, effect)
     closeness = {id(h): compute_closeness(search, kept, h) for h in [*ranked, *twins, without]}
     close = [h for h in [*ranked, without] if closeness[id(h)] >= EQUAL_CLOSENESS]
-    finding = Finding(
+    return Finding(
         effect=final.effects[number],
         interval=final.intervals[number],
         support=measure_support(search, kept, without, ranked, joints),
@@ -221,9 +218,9 @@ def assess(search: Search, kept: Hypothesis, final: FinalFit, number: int) -> tu
         episode_range=find_delay_range(
             replace(search.train, fine=final.fine), final.effects, dict(final.factors), number
         ),
+        rival=ranked[0] if ranked else None,
         doubts=tuple(sorted(close, key=lambda h: -closeness[id(h)]) or [*ranked, without][:1]),
     )
-    return finding, ranked[0] if ranked else None
 
 
 def select_joints(search: Search, effect: Effect) -> list[int]:

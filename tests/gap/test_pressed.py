@@ -111,7 +111,7 @@ def named(load: str, plain: str) -> Naming:
     (effect, stand_in), nothing = (parse(text) for text in (load, plain)), FinalFit((), {}, ())
     found = FinalFit((effect,), {}, ({},), fine=False)
     free, freed = Description((effect,)), Description((stand_in,))
-    return Naming((), found, nothing, FinalFit((stand_in,), {}, ({},)), (), free, freed, {})
+    return Naming((), found, nothing, FinalFit((stand_in,), {}, ({},)), free, freed, {})
 
 
 @pytest.mark.slow
@@ -151,7 +151,7 @@ def test_right_names_are_kept_where_the_plain_fit_predicts_a_little_better(given
     finding = Finding(effect, {}, support, before=1.0, after=0.1, alternatives=(), equals=())
     as_found = score_model(given, found.final, found.null, found.plain, tmp_path)
     assert error(given, as_found.plain) < error(given, as_found.written) < error(given, as_found.before)
-    names = replace(found, findings=(finding,), rivals=(None,))
+    names = replace(found, findings=(finding,))
     naming, outcome = write_plain_fit(Delivery(given, names, tmp_path, as_found))
     assert naming is names and outcome.delivered == "plain" and not outcome.contains(effect)
     assert error(given, outcome.written) == pytest.approx(error(given, as_found.plain), rel=0.05)  # longer steps
@@ -175,7 +175,6 @@ def test_a_name_is_kept_where_a_better_plain_fit_confirms_it(tmp_path: Path):
         final,
         FinalFit((), {}, ()),
         plain,
-        (None, None, None),
         Description((right, wrong, shift)),
         Description((shifted,), freed),
         {},
