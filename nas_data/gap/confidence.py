@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nas_data.gap.search.hypothesis import Hypothesis
+from nas_data.gap.search.hypothesis import Hypothesis, find_joints_beyond_prior
 from nas_data.gap.search.search import Search
 
 SHARPNESS = 4.0  # exponent of a rival's error ratio in its closeness
@@ -59,7 +59,12 @@ def measure_support(
 
 
 def compute_closeness(search: Search, kept: Hypothesis, rival: Hypothesis) -> float:
-    """Return the closeness of a rival's prediction: 1 if as good in every joint, 0 if much worse."""
+    """Return the closeness of a rival: 1 if it predicts as well in every joint, 0 if much worse.
+
+    It is 0 for a rival whose base parameters are beyond their prior in joints where those of `kept` are not.
+    """
+    if find_joints_beyond_prior(rival) - find_joints_beyond_prior(kept):
+        return 0.0
     lead = float(search.log_error_ratios(rival, kept).mean(0).min())
     return min(1.0, math.exp(SHARPNESS * lead))
 
@@ -67,7 +72,8 @@ def compute_closeness(search: Search, kept: Hypothesis, rival: Hypothesis) -> fl
 def compute_chosen_share(search: Search, kept: Hypothesis, without: Hypothesis) -> float:
     """Return the share of random draws of the episodes (bootstrap) in which a hypothesis has the lower score.
 
-    Both keep their parameters. Fitted and held-out episodes are drawn together; long ones are windows of 5 s.
+    Both keep their parameters. Fitted and held-out episodes are drawn together; long ones are windows of 5 s. Priors
+    and prices do not depend on the draw.
     """
     rescored = search.rescore(without)
     gains = np.concatenate(
@@ -76,6 +82,6 @@ def compute_chosen_share(search: Search, kept: Hypothesis, without: Hypothesis) 
             search.held.compute_misfits(rescored.heldout) - search.held.compute_misfits(kept.heldout),
         ]
     ).sum(1)
-    price = kept.description.price - rescored.description.price
+    constant = rescored.score.over(kept.score) - float(gains.sum())
     counts = np.random.default_rng(0).multinomial(len(gains), np.full(len(gains), 1 / len(gains)), REDRAWS)
-    return float((counts @ gains > price).mean())
+    return float((counts @ gains + constant > 0).mean())

@@ -3,23 +3,36 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from nas_data.gap.compose import compute_completeness, describe_joints
-from nas_data.gap.confidence import Support, compute_chosen_share
+from nas_data.gap.confidence import Support, compute_chosen_share, compute_closeness
+from nas_data.gap.nominal_parameters import NominalParameter
 from nas_data.gap.search.constants import EXPLAINED
+from nas_data.gap.search.score import Score
 
 
 def make_search() -> SimpleNamespace:
     """Return a search of 2 joints."""
     task = SimpleNamespace(misfits=lambda predicted: 10.0 * np.log(1 + predicted))
     held = SimpleNamespace(compute_misfits=lambda squares: 10.0 * np.log(1 + squares))
-    return SimpleNamespace(task=task, held=held, rescore=lambda h: h)
+
+    def log_error_ratios(with_: SimpleNamespace, without: SimpleNamespace) -> np.ndarray:
+        return 0.5 * np.log(with_.heldout / without.heldout)
+
+    return SimpleNamespace(task=task, held=held, rescore=lambda h: h, log_error_ratios=log_error_ratios)
 
 
-def make_hypothesis(fitted: np.ndarray, held: np.ndarray, price: float) -> SimpleNamespace:
-    """Return a hypothesis with mean squared errors in floors², shape (E, 2) each."""
-    description, fit = SimpleNamespace(price=price), SimpleNamespace(predicted=fitted)
-    return SimpleNamespace(description=description, fit=fit, heldout=held)
+def make_hypothesis(fitted: np.ndarray, held: np.ndarray, price: float, mass: float = 1.0) -> SimpleNamespace:
+    """Return a hypothesis with mean squared errors in floors², shape (E, 2) each, and the factor of a link's mass."""
+    base = NominalParameter("m1", "mass", ("link",))
+    prior = 0.5 * (np.log(mass) / base.tolerance) ** 2
+    misfit = SEARCH.task.misfits(fitted).sum() + SEARCH.held.compute_misfits(held).sum()
+    return SimpleNamespace(
+        fit=SimpleNamespace(predicted=fitted, parameters=SimpleNamespace(base=(base,)), factors={base.name: mass}),
+        heldout=held,
+        score=Score(float(misfit + prior) + price, 0),
+    )
 
 
 def repeat(*values: float) -> np.ndarray:
@@ -55,6 +68,19 @@ def test_a_name_that_helps_in_one_episode_and_harms_in_others_is_chosen_in_some_
     one[0] = [0.2, 1]
     kept = make_hypothesis(one, repeat(9, 1), 0.0)
     assert 0.05 < compute_chosen_share(SEARCH, kept, WITHOUT) < 0.95
+
+
+def test_the_prior_counts_in_every_draw():
+    kept, without = (make_hypothesis(repeat(1, 1), repeat(1, 1), 0.0, mass) for mass in (1.0, 0.8))
+    assert compute_chosen_share(SEARCH, kept, without) == 1.0
+    assert compute_chosen_share(SEARCH, without, kept) == 0.0
+
+
+@pytest.mark.parametrize(("factor", "closeness"), [(0.9, 1.0), (0.81, 0.0), (1.3, 0.0)])
+def test_a_rival_that_contradicts_the_prior_is_not_close(factor, closeness):
+    kept, rival = (make_hypothesis(repeat(1, 1), repeat(1, 1), 0.0, mass) for mass in (1.0, factor))
+    assert compute_closeness(SEARCH, kept, rival) == closeness
+    assert compute_closeness(SEARCH, rival, rival) == 1.0, "both contradict it"
 
 
 def test_a_joint_is_at_most_as_complete_as_its_names_are_certain():
