@@ -126,8 +126,12 @@ def describe_finding(finding: Finding, nominal: Nominal, in_file: bool) -> Named
             closest_rival=round(finding.support.closest_rival, 3),
             chosen=round(finding.support.chosen, 3),
         ),
-        alternatives=tuple(describe_alternative(rival, error) for rival, error in finding.alternatives),
-        equals=tuple(EffectName(name=rival.name(), joint=rival.joint) for rival in finding.equals),
+        alternatives=tuple(describe_alternative(rival.effect, rival.error) for rival in finding.rivals if rival.effect),
+        equals=tuple(
+            EffectName(name=rival.effect.name(), joint=rival.effect.joint)
+            for rival in finding.rivals
+            if rival.effect and rival.is_equal
+        ),
         in_model_xml=in_file,
     )
 
@@ -247,7 +251,7 @@ def describe_placebo(held: FitTask, naming: Naming) -> Placebo | None:
         return None
     error = float(np.sqrt(naming.placebo.heldout[:, select_first_kind(held)].mean()))
     rival = naming.placebo.effects[-1]
-    replaced = next(finding.effect for finding in naming.findings if finding.rival is naming.placebo)
+    replaced = next(finding.effect for finding in naming.findings if finding.best_rival is naming.placebo)
     effects = (effect.to_json(held.nominal.slides) for effect in naming.placebo.effects)
     return Placebo(
         effects=tuple(from_json(FittedEffect, entry) for entry in effects),

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nas_data.gap.search.hypothesis import Hypothesis, find_joints_beyond_prior
+from nas_data.gap.rivals import Rival
+from nas_data.gap.search.hypothesis import Hypothesis
 from nas_data.gap.search.search import Search
 
-SHARPNESS = 4.0  # exponent of a rival's error ratio in its closeness
 REDRAWS = 400  # random draws of the episodes, with replacement
 UNSURE_FLOORS = 2.0  # noise floors of a name's own joints above which its confidence may fall
 
@@ -38,7 +38,7 @@ class Support:
 
 
 def measure_support(
-    search: Search, kept: Hypothesis, without: Hypothesis, rivals: Sequence[Hypothesis], joints: Sequence[int]
+    search: Search, kept: Hypothesis, without: Hypothesis, rivals: Sequence[Rival], joints: Sequence[int]
 ) -> Support:
     """Return what a name of a hypothesis rests on.
 
@@ -46,27 +46,16 @@ def measure_support(
         search: Episodes, and the objective of all hypotheses.
         kept: Hypothesis with the name.
         without: Hypothesis without it, everything else fitted again.
-        rivals: Hypotheses with another effect in its place.
+        rivals: Its rivals, with its absence.
         joints: Indices of the joints that judge the name.
     """
     own = list(joints)
     return Support(
-        closest_rival=max(compute_closeness(search, kept, other) for other in [*rivals, without]),
+        closest_rival=max(rival.closeness for rival in rivals if not rival.is_equivalent),
         chosen=compute_chosen_share(search, kept, without),
         rest=float(search.floor_ratios(kept)[own].max()),
         left=float(np.sqrt(kept.heldout[:, own].mean() / without.heldout[:, own].mean())),
     )
-
-
-def compute_closeness(search: Search, kept: Hypothesis, rival: Hypothesis) -> float:
-    """Return the closeness of a rival: 1 if it predicts as well in every joint, 0 if much worse.
-
-    It is 0 for a rival whose base parameters are beyond their prior in joints where those of `kept` are not.
-    """
-    if find_joints_beyond_prior(rival) - find_joints_beyond_prior(kept):
-        return 0.0
-    lead = float(search.log_error_ratios(rival, kept).mean(0).min())
-    return min(1.0, math.exp(SHARPNESS * lead))
 
 
 def compute_chosen_share(search: Search, kept: Hypothesis, without: Hypothesis) -> float:

@@ -8,8 +8,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from nas_data.effects.base import Effect
-from nas_data.gap.confidence import Support, compute_closeness, measure_support
+from nas_data.gap.confidence import Support, measure_support
 from nas_data.gap.delay_range import find_delay_range
+from nas_data.gap.rivals import Rival, compute_closeness
 from nas_data.gap.search.choose import choose
 from nas_data.gap.search.constants import MAX_ALTERNATIVES, PRICE
 from nas_data.gap.search.contrast import Contrast
@@ -24,7 +25,6 @@ from nas_data.gap.search.tie_break import break_tie
 from nas_data.joint_units import group_by_kind
 
 SURE_CONFIDENCE = 0.8  # confidence below which an experiment is proposed
-EQUAL_CLOSENESS = 0.8  # closeness above which a rival is listed as equal; 1 for equal predictions
 UNEXPLAINED_FLOORS = 3.0  # noise floors above which a joint may be unexplained
 UNEXPLAINED_SHARE = 0.75  # share of the error before above which such a joint is unexplained
 
@@ -41,12 +41,7 @@ class Finding:
         before: Held-out error without the effect and everything else fitted again [rad; slides m]: of its joint, or of
             the joints of the first kind for an effect of the whole arm.
         after: The same with the effect.
-        alternatives: Rivals in its place, with their held-out error.
-        equals: Rivals that these data cannot distinguish from it. Equivalent effects, which no data could distinguish,
-            do not reduce the confidence.
-        rival: Fitted hypothesis with the best rival in its place, if there is one.
-        doubts: Hypotheses with a rival in its place, or without it, that predict nearly as well, closest first. If
-            none does, the best rival, or the hypothesis without it.
+        rivals: Fitted rivals by score, equivalent ones after them, its absence last.
     """
 
     effect: Effect
@@ -54,16 +49,26 @@ class Finding:
     support: Support
     before: float
     after: float
-    alternatives: tuple[tuple[Effect, float], ...]
-    equals: tuple[Effect, ...] = ()
+    rivals: tuple[Rival, ...] = ()
     episode_range: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    rival: Hypothesis | None = None
-    doubts: tuple[Hypothesis, ...] = ()
 
     @property
     def confidence(self) -> float:
         """Probability that name and joint are right."""
         return self.support.confidence
+
+    @property
+    def best_rival(self) -> Hypothesis | None:
+        """Hypothesis with the best effect in its place that is not equivalent; None without rivals."""
+        fitted = (rival.hypothesis for rival in self.rivals if rival.effect and not rival.is_equivalent)
+        return next(fitted, None)
+
+    @property
+    def doubts(self) -> list[Hypothesis]:
+        """Rivals that this recording cannot exclude, closest first; the best one if it can exclude all."""
+        real = [rival for rival in self.rivals if not rival.is_equivalent]
+        equal = sorted((rival for rival in real if rival.is_equal), key=lambda rival: -rival.closeness)
+        return [rival.hypothesis for rival in equal or real[:1]]
 
 
 @dataclass(frozen=True)
@@ -104,7 +109,7 @@ class Naming:
     @property
     def placebo(self) -> Hypothesis | None:
         """Best rival of the finding with the highest confidence; None without rivals."""
-        return next((finding.rival for finding in self.findings if finding.rival is not None), None)
+        return next((one.best_rival for one in self.findings if one.best_rival), None)
 
     @property
     def surviving_rivals(self) -> list[Hypothesis]:
@@ -190,37 +195,42 @@ def withdraw(search: Search, kept: Hypothesis) -> Hypothesis:
 
 def assess(search: Search, kept: Hypothesis, final: FinalFit, number: int) -> Finding:
     """Compare one effect with its absence and its rivals."""
-    effect = kept.effects[number]
-    rest = kept.description.without_effect(number)
-    fewer = (
-        search.without_effect(kept, number),
-        search.null,
-        search.nominal,
-    )  # the last never diverges
-    without = next(h for h in fewer if h and h.is_finite)
-    ranked = fit_rivals(search, kept, number)
-    twins = [
-        h
-        for twin in (effect.equivalents(search.find_scales(effect.joint)) if effect.joint else ())
-        if (h := search.fit_rival(rest.add_effects(twin), kept)) and h.is_finite
-    ]
-    joints = select_joints(search, effect)
-    closeness = {id(h): compute_closeness(search, kept, h) for h in [*ranked, *twins, without]}
-    close = [h for h in [*ranked, without] if closeness[id(h)] >= EQUAL_CLOSENESS]
+    joints = select_joints(search, kept.effects[number])
+
+    def rate(h: Hypothesis, effect: Effect | None = None, is_equivalent: bool = False) -> Rival:
+        return Rival(h, effect, compute_closeness(search, kept, h), rms(h.heldout, joints), is_equivalent)
+
+    without = fit_without(search, kept, number)
+    rivals = (
+        *(rate(h, h.effects[-1]) for h in fit_rivals(search, kept, number)),
+        *(rate(h, h.effects[-1], is_equivalent=True) for h in fit_equivalents(search, kept, number)),
+        rate(without),
+    )
     return Finding(
         effect=final.effects[number],
         interval=final.intervals[number],
-        support=measure_support(search, kept, without, ranked, joints),
-        before=rms(without.heldout, joints),
+        support=measure_support(search, kept, without, rivals, joints),
+        before=rivals[-1].error,
         after=rms(kept.heldout, joints),
-        alternatives=tuple((h.effects[-1], rms(h.heldout, joints)) for h in [*ranked, *twins]),
-        equals=tuple(h.effects[-1] for h in [*ranked, *twins] if closeness[id(h)] >= EQUAL_CLOSENESS),
+        rivals=rivals,
         episode_range=find_delay_range(
             replace(search.train, fine=final.fine), final.effects, dict(final.factors), number
         ),
-        rival=ranked[0] if ranked else None,
-        doubts=tuple(sorted(close, key=lambda h: -closeness[id(h)]) or [*ranked, without][:1]),
     )
+
+
+def fit_without(search: Search, kept: Hypothesis, number: int) -> Hypothesis:
+    """Fit the hypothesis without an effect; return the given model if that diverges."""
+    fewer = (search.without_effect(kept, number), search.null, search.nominal)  # the last never diverges
+    return next(h for h in fewer if h and h.is_finite)
+
+
+def fit_equivalents(search: Search, kept: Hypothesis, number: int) -> list[Hypothesis]:
+    """Fit the hypothesis with effects in the place of one that no data could distinguish from it."""
+    effect, rest = kept.effects[number], kept.description.without_effect(number)
+    twins = effect.equivalents(search.find_scales(effect.joint)) if effect.joint else ()
+    fitted = (search.fit_rival(rest.add_effects(twin), kept) for twin in twins)
+    return [h for h in fitted if h and h.is_finite]
 
 
 def select_joints(search: Search, effect: Effect) -> list[int]:

@@ -13,7 +13,7 @@ from nas_data.dataset.provenance import read_package_versions, read_provenance
 from nas_data.errors import NasError, OptionError
 from nas_data.gap.compose import Proposal, compose, write_series
 from nas_data.gap.deliver import deliver
-from nas_data.gap.experiments.experiment import Rival, choose_next_experiment, write_experiment
+from nas_data.gap.experiments.experiment import Explanation, choose_next_experiment, write_experiment
 from nas_data.gap.finding.find import find
 from nas_data.gap.name import Naming, name
 from nas_data.gap.nominal_parameters import FIRM
@@ -181,11 +181,11 @@ def propose_experiment(problem: Problem, naming: Naming, folder: Path, say: Repo
     return Proposal(experiment.text + commands, compared)
 
 
-def list_survivors(naming: Naming) -> tuple[Rival, list[Rival]]:
+def list_survivors(naming: Naming) -> tuple[Explanation, list[Explanation]]:
     """Return the best explanation of the recording, and the others that it does not rule out."""
     final = naming.final
     firm = {name: factor for name, factor in final.factors.items() if name.endswith(FIRM)}
     hypotheses = naming.surviving_rivals if naming.findings else naming.candidates
-    others = [Rival(h.effects, {**h.fit.factors, **firm}) for h in hypotheses]
-    found = Rival(final.effects, dict(final.factors))
+    others = [Explanation(h.effects, {**h.fit.factors, **firm}) for h in hypotheses]
+    found = Explanation(final.effects, dict(final.factors))
     return (others[0], [found, *others[1:]]) if others and not naming.findings else (found, others)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from nas_data.gap.compose import compute_completeness, describe_joints
-from nas_data.gap.confidence import Support, compute_chosen_share, compute_closeness
+from nas_data.gap.confidence import Support, compute_chosen_share
 from nas_data.gap.nominal_parameters import NominalParameter
+from nas_data.gap.rivals import compute_closeness
 from nas_data.gap.search.constants import EXPLAINED
 from nas_data.gap.search.score import Score
 

@@ -18,13 +18,18 @@ from nas_data.errors import OptionError
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.experiments.command_limits import SPEED, CommandRange, mask_joints
 from nas_data.gap.experiments.discrimination import compute_separations, find_differing_joints, make_batch
-from nas_data.gap.experiments.experiment import Rival, choose_next_experiment, describe_experiment, write_experiment
+from nas_data.gap.experiments.experiment import (
+    Explanation,
+    choose_next_experiment,
+    describe_experiment,
+    write_experiment,
+)
 from nas_data.gap.experiments.library import KINDS, STEPS, is_harmless
 from nas_data.gap.nominal import Nominal
 
 JOINTS = ("shoulder", "elbow")
-PLAY = Rival((Backlash(joint="elbow", half_width=0.02),), {"elbow.gain": 1.05})
-FRICTION = Rival((CoulombFriction(joint="elbow", torque=0.004),), {"elbow.gain": 0.97, "shoulder.damping": 1.1})
+PLAY = Explanation((Backlash(joint="elbow", half_width=0.02),), {"elbow.gain": 1.05})
+FRICTION = Explanation((CoulombFriction(joint="elbow", torque=0.004),), {"elbow.gain": 0.97, "shoulder.damping": 1.1})
 FLOOR = np.full(2, np.radians(0.29) / np.sqrt(12))
 
 HINGE = """
@@ -64,7 +69,7 @@ def experiment(arm):
 
 def test_of_many_different_effects_only_some_are_listed(experiment):
     many = [CoulombFriction(joint=joint, torque=0.004) for joint in ("shoulder", "elbow", "wrist", "gripper")]
-    text = describe_experiment(experiment.table[0], Rival(tuple(many), {}), [PLAY], JOINTS)
+    text = describe_experiment(experiment.table[0], Explanation(tuple(many), {}), [PLAY], JOINTS)
     assert "separates coulomb friction in shoulder and coulomb friction in elbow and 2 more from backlash" in text
 
 
@@ -110,8 +115,8 @@ def test_the_sentence_names_the_experiment_and_both_rivals(experiment):
 
 def test_an_experiment_is_chosen_against_all_rivals(arm, experiment):
     """One rival needs the elbow, the other the shoulder: the choice tells more than those against one of them."""
-    heavy = Rival((*PLAY.effects, CoulombFriction(joint="shoulder", torque=0.05)), {"elbow.gain": 1.05})
-    light = Rival((CoulombFriction(joint="elbow", torque=0.004), *heavy.effects[1:]), FRICTION.factors)
+    heavy = Explanation((*PLAY.effects, CoulombFriction(joint="shoulder", torque=0.05)), {"elbow.gain": 1.05})
+    light = Explanation((CoulombFriction(joint="elbow", torque=0.004), *heavy.effects[1:]), FRICTION.factors)
     found = choose_next_experiment(arm, nothing(JOINTS, 0.01), heavy, [light, PLAY], FLOOR, seed=3)
     best = found.table[0]
     assert len(best.separations) == 2 and min(best.separations) > 1
@@ -150,14 +155,14 @@ def test_if_no_experiment_separates_the_rivals_all_joints_move_in_steps(arm):
 
 
 def test_rivals_of_one_name_are_told_apart_by_their_joints(experiment):
-    other = Rival((Backlash(joint="shoulder", half_width=0.02),), {})
+    other = Explanation((Backlash(joint="shoulder", half_width=0.02),), {})
     text = describe_experiment(experiment.table[0], PLAY, [other], JOINTS)
     assert "separates backlash in elbow from backlash in shoulder" in text
     assert find_differing_joints((PLAY, other), JOINTS) == JOINTS
 
 
 def test_an_effect_of_the_whole_arm_concerns_every_joint():
-    loaded = Rival((Payload(joint=None, mass=0.02), *PLAY.effects), {})
+    loaded = Explanation((Payload(joint=None, mass=0.02), *PLAY.effects), {})
     assert find_differing_joints((PLAY, loaded), JOINTS) == JOINTS
     assert find_differing_joints((PLAY, FRICTION), JOINTS) == ("elbow",)
 
@@ -167,7 +172,7 @@ def test_an_experiment_that_hits_the_floor_is_seen_to():
     room = CommandRange.of(ergojr, nothing(ergojr.joints, 0.01))
     down = room.ramp(room.pose, np.array([0.0, -1.5, -1.5, 0.0, -1.5, 0.0]), 1.0)
     up = room.ramp(room.pose, np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]), 1.0)
-    harmless = [is_harmless(ergojr, Rival((), {}), room, commands) for commands in (up, down, -down)]
+    harmless = [is_harmless(ergojr, Explanation((), {}), room, commands) for commands in (up, down, -down)]
     assert harmless[0] and not all(harmless)
 
 
@@ -186,9 +191,13 @@ def test_a_reduced_room_lies_within_the_room_and_keeps_its_home(seed, low, high,
 def choose_torques(folder, limit, speed):
     (folder / "hinge.xml").write_text(HINGE.format(limits=f'ctrlrange="-{limit} {limit}" ctrllimited="true"'))
     nominal = nominal_of(folder / "hinge.xml", ("hip",), 0.02)
-    leader = Rival((CoulombFriction(joint="hip", torque=0.1),), {})
+    leader = Explanation((CoulombFriction(joint="hip", torque=0.1),), {})
     recorded = nothing(("hip",), 0.02, speed)
-    return nominal, leader, choose_next_experiment(nominal, recorded, leader, [Rival((), {})], np.full(1, 1e-3), seed=0)
+    return (
+        nominal,
+        leader,
+        choose_next_experiment(nominal, recorded, leader, [Explanation((), {})], np.full(1, 1e-3), seed=0),
+    )
 
 
 def test_an_arm_that_takes_torques_gets_torques(tmp_path):

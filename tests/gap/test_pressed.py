@@ -148,7 +148,7 @@ def test_right_names_are_kept_where_the_plain_fit_predicts_a_little_better(given
     found = named("coulomb_friction:joint=m2,torque=0.029", "coulomb_friction:joint=m2,torque=0.03")
     effect = found.final.effects[0]
     support = Support(closest_rival=0.2, chosen=1.0, rest=1.0, left=0.1)
-    finding = Finding(effect, {}, support, before=1.0, after=0.1, alternatives=(), equals=())
+    finding = Finding(effect, {}, support, before=1.0, after=0.1)
     as_found = score_model(given, found.final, found.null, found.plain, tmp_path)
     assert error(given, as_found.plain) < error(given, as_found.written) < error(given, as_found.before)
     names = replace(found, findings=(finding,))
@@ -165,7 +165,7 @@ def test_a_name_is_kept_where_a_better_plain_fit_confirms_it(tmp_path: Path):
     right, wrong = parse("servo_stiffness:joint=m2,factor=0.45"), parse("deadband:joint=m3,half_width=0.05")
     shift, shifted = (parse(f"joint_offset:joint=m1,offset={size}") for size in (0.004, 0.005))
     support = Support(closest_rival=0.2, chosen=1.0, rest=1.0, left=0.1)
-    findings = tuple(Finding(effect, {}, support, 1.0, 0.1, (), ()) for effect in (right, wrong, shift))
+    findings = tuple(Finding(effect, {}, support, 1.0, 0.1) for effect in (right, wrong, shift))
     final = FinalFit(
         (right, wrong, shift), {}, ({"factor": (0.44, 0.46)}, {"half_width": (0.04, 0.06)}, {"offset": (0.003, 0.0055)})
     )

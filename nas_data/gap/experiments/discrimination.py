@@ -14,11 +14,11 @@ from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters, select_free_base
 from nas_data.gap.side_by_side import map_in_parallel
 
-STEPS = 4  # Gauss-Newton steps of the second rival; after two it has not converged
+STEPS = 4  # Gauss-Newton steps of the second one; after two it has not converged
 
 
 @dataclass(frozen=True)
-class Rival:
+class Explanation:
     """One explanation of the recorded data.
 
     Attributes:
@@ -30,9 +30,9 @@ class Rival:
     factors: Mapping[str, float]
 
 
-def find_differing_joints(rivals: tuple[Rival, Rival], joints: Sequence[str]) -> tuple[str, ...]:
-    """Return the joints with an effect that only one rival has; all joints for an effect of the whole arm."""
-    one, two = ({(effect.name(), effect.joint) for effect in rival.effects} for rival in rivals)
+def find_differing_joints(explanations: tuple[Explanation, Explanation], joints: Sequence[str]) -> tuple[str, ...]:
+    """Return the joints with an effect that only one explanation has; all joints for an effect of the whole arm."""
+    one, two = ({(effect.name(), effect.joint) for effect in explanation.effects} for explanation in explanations)
     places = {joint for _, joint in one ^ two}
     return tuple(joint for joint in joints if not places or None in places or joint in places)
 
@@ -54,32 +54,32 @@ def make_batch(nominal: Nominal, commands: Sequence[np.ndarray], pose: np.ndarra
 
 def compute_separations(
     nominal: Nominal,
-    rivals: tuple[Rival, Rival],
+    explanations: tuple[Explanation, Explanation],
     recorded: EpisodeBatch,
     evidence: EpisodeBatch,
     floor: np.ndarray,
     concerned: Sequence[str],
 ) -> np.ndarray:
-    """Return the difference of two rivals in each experiment, after the second is fitted to the first.
+    """Return the difference of two explanations in each experiment, after the second is fitted to the first.
 
     T-optimality (Atkinson and Fedorov, 1975): only what the second cannot imitate distinguishes them. It has to explain
     the recorded episodes, too: their curvature about its parameters holds these.
 
     Args:
         nominal: Given model.
-        rivals: The second is fitted to the predictions of the first.
+        explanations: The second is fitted to the predictions of the first.
         recorded: Episodes to which both are fitted already.
         evidence: E experiments of n joints.
         floor: Noise floor of each joint [rad; m], shape (n,).
-        concerned: Joints in which the rivals differ.
+        concerned: Joints in which the explanations differ.
 
     Returns:
         RMS difference over the noise floor, shape (E, n); 0 for other joints.
 
     Raises:
-        ModelFileError: a rival diverges.
+        ModelFileError: an explanation diverges.
     """
-    leader, follower = rivals
+    leader, follower = explanations
     first = nominal.predict(evidence, leader.effects, leader.factors)
     task = FitTask(make_follower(nominal, follower, concerned), replace(evidence, measured=first), floor)
     parameters = FreeParameters(follower.effects, select_free_parameters(nominal, follower, concerned))
@@ -108,13 +108,17 @@ def expand_misfit(task: FitTask, parameters: FreeParameters, theta: np.ndarray) 
     return Expansion(theta, *build_normal_equations(task, predicted, jacobian))
 
 
-def select_free_parameters(nominal: Nominal, rival: Rival, concerned: Sequence[str]) -> tuple[NominalParameter, ...]:
-    """Return the base parameters that the second rival may adapt: masses, and those of the concerned joints."""
-    return tuple(p for p in select_free_base(nominal.base, rival.effects) if p.kind == "mass" or p.joint in concerned)
+def select_free_parameters(
+    nominal: Nominal, explanation: Explanation, concerned: Sequence[str]
+) -> tuple[NominalParameter, ...]:
+    """Return the base parameters that the second one may adapt: masses, and those of the concerned joints."""
+    return tuple(
+        p for p in select_free_base(nominal.base, explanation.effects) if p.kind == "mass" or p.joint in concerned
+    )
 
 
-def make_follower(nominal: Nominal, rival: Rival, concerned: Sequence[str]) -> Nominal:
-    """Return the model with the fixed base factors of a rival."""
-    free = {parameter.name for parameter in select_free_parameters(nominal, rival, concerned)}
-    kept = {name: factor for name, factor in rival.factors.items() if name not in free}
+def make_follower(nominal: Nominal, explanation: Explanation, concerned: Sequence[str]) -> Nominal:
+    """Return the model with the fixed base factors of an explanation."""
+    free = {parameter.name for parameter in select_free_parameters(nominal, explanation, concerned)}
+    kept = {name: factor for name, factor in explanation.factors.items() if name not in free}
     return nominal.with_edit(lambda spec: scale_base_parameters(spec, nominal.base, kept))

@@ -12,12 +12,12 @@ from nas_data.effects.base import Effect
 from nas_data.errors import OptionError
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.experiments.command_limits import CommandRange
-from nas_data.gap.experiments.discrimination import Rival, compute_separations, find_differing_joints, make_batch
+from nas_data.gap.experiments.discrimination import Explanation, compute_separations, find_differing_joints, make_batch
 from nas_data.gap.experiments.library import STEPS, ExperimentDesign, generate_experiments
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.report_parts import TriedExperiment
 
-__all__ = ["NextExperiment", "RatedExperiment", "Rival", "choose_next_experiment", "write_experiment"]
+__all__ = ["Explanation", "NextExperiment", "RatedExperiment", "choose_next_experiment", "write_experiment"]
 
 SHOWN = 2  # most effects that are listed of each rival
 MIN_SEPARATION = 1.0  # noise floors; smallest difference of rivals that is worth recording
@@ -93,7 +93,12 @@ class NextExperiment:
 
 
 def choose_next_experiment(
-    nominal: Nominal, evidence: EpisodeBatch, leader: Rival, rivals: Sequence[Rival], floor: np.ndarray, seed: int
+    nominal: Nominal,
+    evidence: EpisodeBatch,
+    leader: Explanation,
+    rivals: Sequence[Explanation],
+    floor: np.ndarray,
+    seed: int,
 ) -> NextExperiment:
     """Choose the experiment to record next.
 
@@ -145,7 +150,9 @@ def choose_varied(table: Sequence[RatedExperiment], joints: Sequence[str]) -> Ra
     return next(steps, table[0])
 
 
-def describe_experiment(best: RatedExperiment, leader: Rival, rivals: Sequence[Rival], joints: Sequence[str]) -> str:
+def describe_experiment(
+    best: RatedExperiment, leader: Explanation, rivals: Sequence[Explanation], joints: Sequence[str]
+) -> str:
     """Describe the best experiment, what it separates, and what not."""
     pairs = [f"{describe_difference(leader, rival)} from {describe_difference(rival, leader)}" for rival in rivals]
     order = sorted(range(len(pairs)), key=lambda number: -best.separations[number])
@@ -170,7 +177,7 @@ def describe_experiment(best: RatedExperiment, leader: Rival, rivals: Sequence[R
     return text
 
 
-def describe_difference(rival: Rival, other: Rival) -> str:
+def describe_difference(rival: Explanation, other: Explanation) -> str:
     """Return the effects of a rival that the other lacks, in words."""
     theirs = {(effect.name(), effect.joint) for effect in other.effects}
     own = [effect for effect in rival.effects if (effect.name(), effect.joint) not in theirs]

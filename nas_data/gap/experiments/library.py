@@ -11,7 +11,7 @@ from nas_data.excitations.chirp import Chirp
 from nas_data.excitations.steps import Steps
 from nas_data.excitations.triangle import Triangle
 from nas_data.gap.experiments.command_limits import CommandRange, mask_joints
-from nas_data.gap.experiments.discrimination import Rival, make_batch
+from nas_data.gap.experiments.discrimination import Explanation, make_batch
 from nas_data.gap.nominal import Nominal
 from nas_data.simulators.mujoco import MujocoSimulator
 
@@ -82,7 +82,7 @@ KINDS: Mapping[str, Draw] = {
 
 
 def generate_experiments(
-    nominal: Nominal, rival: Rival, room: CommandRange, concerned: Sequence[str], seed: int
+    nominal: Nominal, explanation: Explanation, room: CommandRange, concerned: Sequence[str], seed: int
 ) -> Iterator[ExperimentDesign]:
     """Yield experiments for each concerned joint, and steps of all joints together.
 
@@ -90,9 +90,9 @@ def generate_experiments(
 
     Args:
         nominal: Given model.
-        rival: Explanation by which the arm's motion is predicted.
+        explanation: Explanation by which the arm's motion is predicted.
         room: Range of commands.
-        concerned: Joints in which the rivals differ; if there are many, each experiment moves all joints.
+        concerned: Joints in which the explanations differ; if there are many, each experiment moves all joints.
         seed: Seed of random excitations.
     """
     whole = nominal.joints
@@ -105,22 +105,22 @@ def generate_experiments(
         for share in SHARES:
             part, rng = room.shrink(share), np.random.default_rng([seed, number])
             commands = part.prepend_approach(KINDS[name](part, mask_joints(whole, moved), rng))
-            if is_harmless(nominal, rival, room, commands):
+            if is_harmless(nominal, explanation, room, commands):
                 yield ExperimentDesign(name, moved, commands)
                 break
 
 
-def is_harmless(nominal: Nominal, rival: Rival, room: CommandRange, commands: np.ndarray) -> bool:
+def is_harmless(nominal: Nominal, explanation: Explanation, room: CommandRange, commands: np.ndarray) -> bool:
     """Whether nothing touches in an experiment that does not touch in the rest pose, and no joint moves too fast.
 
     Args:
         nominal: Given model.
-        rival: Explanation by which the arm's motion is predicted.
+        explanation: Explanation by which the arm's motion is predicted.
         room: Range of commands, with the largest speeds.
         commands: Commands of the experiment, shape (T, n).
     """
     try:
-        path = nominal.predict(make_batch(nominal, [commands], room.pose), rival.effects, rival.factors)[0]
+        path = nominal.predict(make_batch(nominal, [commands], room.pose), explanation.effects, explanation.factors)[0]
     except ModelFileError:
         return False
     if (np.abs(np.diff(path, axis=0)).max(0) > room.fastest * room.period).any():
