@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from nas_data.arrays import thin_evenly
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.start_velocities import find_start_velocities, fit_velocity
 from nas_data.errors import DatasetInvalid
@@ -248,11 +249,6 @@ def cut_windows(evidence: EpisodeBatch, rows: int, seconds: float = WINDOW) -> E
     places = [place for number in range(len(evidence)) for place in find_windows(evidence, number, steps)]
     chosen = [places[index] for index in thin_evenly(len(places), rows // steps)]
     return join_episodes([cut_window(evidence, number, first, steps) for number, first in chosen])
-
-
-def thin_evenly(count: int, wanted: int) -> np.ndarray:
-    """Return evenly spaced indices below `count`, about `wanted` but at least two."""
-    return np.unique(np.linspace(0, count - 1, min(count, max(2, wanted))).round().astype(int))
 
 
 def find_windows(evidence: EpisodeBatch, number: int, steps: int) -> list[tuple[int, int]]:

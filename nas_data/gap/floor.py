@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nas_data.arrays import thin_evenly
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.noise import DEVIATION_PER_MAD, ODD, ORDERS, SMALLEST, estimate_noise, estimate_resolution
 from nas_data.pairing import read_scene_states
@@ -37,7 +38,7 @@ def measure_step_errors(dataset: Dataset, simulator: Simulator) -> np.ndarray:
 
     It is an upper bound of the noise, because errors of the model only add to it.
     """
-    rows = np.unique(np.linspace(0, dataset.n_frames - 1, STEPS).round().astype(int))
+    rows = thin_evenly(dataset.n_frames, STEPS)
     predicted = simulator.predict(
         read_scene_states(dataset, simulator, rows).astype(float), dataset.commands[rows].astype(float)
     )

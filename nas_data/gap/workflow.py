@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from nas_data.arrays import thin_evenly
 from nas_data.dataset.content import hash_content
 from nas_data.dataset.provenance import read_package_versions, read_provenance
 from nas_data.errors import NasError, OptionError
@@ -28,6 +29,7 @@ from nas_data.robots.base import TORQUES
 from nas_data.runs.progress import Report, silence
 
 EXPERIMENT = "next_experiment.csv"
+MOST_RECORDED = 20  # recorded episodes that rivals must explain in a proposed experiment
 
 
 def investigate(
@@ -171,8 +173,9 @@ def propose_experiment(problem: Problem, naming: Naming, folder: Path, say: Repo
         return Proposal()
     say("simulating experiments that would test the least certain names")
     train = problem.train
+    recorded = train.evidence.select(thin_evenly(len(train.evidence), MOST_RECORDED))
     try:
-        experiment = choose_next_experiment(train.nominal, train.evidence, leader, others, train.floor, seed=0)
+        experiment = choose_next_experiment(train.nominal, recorded, leader, others, train.floor, seed=0)
     except NasError as error:
         return Proposal(f"none could be computed: {error}")
     write_experiment(experiment, folder / EXPERIMENT)

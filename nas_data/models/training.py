@@ -6,6 +6,7 @@ from dataclasses import asdict
 import numpy as np
 import torch
 
+from nas_data.arrays import thin_evenly
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import EFFORT
 from nas_data.errors import DatasetInvalid, JointMismatch, OptionError
@@ -201,5 +202,5 @@ def cut_validation_rollouts(held: Dataset) -> Dataset:
         for rows in held.episodes()
         for start in range(rows.start, rows.stop, SEGMENT)
     ]
-    order = np.linspace(0, len(starts) - 1, min(SEGMENTS, len(starts))).round().astype(int)
+    order = thin_evenly(len(starts), SEGMENTS)
     return select_frames(held, [starts[index] for index in order])

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from nas_data.arrays import thin_evenly
 from nas_data.count_of import count_of, join_items
 from nas_data.errors import ModelFileError
 from nas_data.gap.episode_batch import EpisodeBatch
@@ -104,8 +105,7 @@ def measure_shift_errors(examined: Examined, shift: int) -> np.ndarray:
 
 def shorten_episodes(evidence: EpisodeBatch) -> EpisodeBatch:
     """Return the beginnings of some episodes."""
-    chosen = np.unique(np.linspace(0, len(evidence) - 1, min(len(evidence), EPISODES)).round().astype(int))
-    part, rows = evidence.select(chosen), slice(0, round(SECONDS / evidence.period))
+    part, rows = evidence.select(thin_evenly(len(evidence), EPISODES)), slice(0, round(SECONDS / evidence.period))
     return replace(part, commands=part.commands[:, rows], measured=part.measured[:, rows], mask=part.mask[:, rows])
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
+from nas_data.arrays import thin_evenly
 from nas_data.dataset.features import EFFORT, POSITION
 from nas_data.effects.base import Scales, find_joint_actuator
 from nas_data.effects.edits.servo import is_velocity_servo, read_servo_damping, read_servo_stiffness
@@ -51,7 +52,7 @@ def measure_depths(nominal: Nominal, evidence: EpisodeBatch) -> tuple[float, flo
     if not geoms or set(simulator.kinds) != {POSITION}:
         return 0.0, 0.0
     rows = np.argwhere(evidence.mask)
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, POSES).round().astype(int))]
+    rows = rows[thin_evenly(len(rows), POSES)]
     top = float(find_first_anchor(model)[2])
     measured, commanded = (
         top - min(find_lowest_point(model, data, geoms) for data in pose_arm(simulator, poses[tuple(rows.T)]))

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from nas_data.arrays import thin_evenly
 from nas_data.effects.base import Effect, Scales
 from nas_data.gap.floor import compute_floor_ratios
 from nas_data.gap.search.constants import (
@@ -350,7 +351,7 @@ def choose_episodes(task: FitTask) -> np.ndarray:
     """Return indices of the search's episodes, shape (k,): evenly spaced ones, and those with the largest errors."""
     count, steps = task.evidence.commands.shape[:2]
     wanted = max(SEARCH_EPISODES, SEARCH_ROWS // steps)
-    even = np.unique(np.linspace(0, count - 1, min(count, wanted)).round().astype(int))
+    even = thin_evenly(count, wanted)
     squares = task.floors**2 + task.evidence.mean_squares(task.nominal.predict(task.evidence))
     oddness = np.sqrt((squares / np.median(squares, axis=0)).max(axis=1))
     oddness[even] = 0.0
