@@ -11,6 +11,8 @@ from pages import HERE, markdown_table, number, numbers, read_table, render, wri
 from nas_data.policies.intervals import compute_share
 
 GIVEN = {"0.12", "0.01", "0.2", "0.05"}  # of the target and of the recording
+STUDY, AGAIN = "ErgoReacher-backlash", "ErgoReacher-backlash again"  # experiments of the table
+TRUE_EFFECTS = ("speed_limit", "backlash")
 METHODS = {
     "expert": "target",
     "source": "source",
@@ -27,8 +29,9 @@ class ErgoReacher:
     def __init__(self, folder: Path) -> None:
         self._runs, self._names = read_table(folder / "ergo_reacher.csv"), read_table(folder / "ergo_reacher_names.csv")
 
-    def _values(self, method: str, column: str = "return") -> np.ndarray:
-        return np.array([float(row[column]) for row in self._runs if row["method"] == method])
+    def _values(self, method: str, column: str = "return", experiment: str = STUDY) -> np.ndarray:
+        rows = [row for row in self._runs if (row["method"], row["experiment"]) == (method, experiment)]
+        return np.array([float(row[column]) for row in rows])
 
     def methods_table(self) -> str:
         """Return the table of methods."""
@@ -58,8 +61,20 @@ class ErgoReacher:
         return numbers((float(row["value"]) for row in sorted(rows, key=lambda row: row["joint"])), digits)
 
     def confidence(self, commit: str, effect: str) -> str:
-        """Return the confidence of an effect."""
-        return next(row["confidence"] for row in self._names if (row["commit"], row["effect"]) == (commit, effect))
+        """Return the confidence of an effect, the least and the largest if joints differ."""
+        rows = [row for row in self._names if (row["commit"], row["effect"]) == (commit, effect)]
+        ends = {number(float(row["confidence"]), 2): None for row in sorted(rows, key=lambda row: row["confidence"])}
+        least, *_, most = [*ends, *ends]
+        return least if least == most else f"{least} to {most}"
+
+    def most_wrong(self) -> str:
+        """Return the largest confidence of a name that is not true."""
+        wrong = (row for row in self._names if row["confidence"] and row["effect"] not in TRUE_EFFECTS)
+        return number(max(float(row["confidence"]) for row in wrong), 2)
+
+    def later(self, method: str) -> str:
+        """Return the return of the policy that learned later."""
+        return numbers(self._values(method, experiment=AGAIN), 2)
 
 
 def make_page(folder: Path) -> str:
