@@ -56,7 +56,7 @@ def add_best(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis]) -> 
     for other in useful[1:]:
         added, before = other.effects[len(kept.effects) :], best.effects[len(kept.effects) :]
         taken = {effect.joint for effect in before}
-        if len(added) > 1 or added[0].joint in {None, *taken} or None in taken:
+        if len(added) != 1 or added[0].joint in {None, *taken} or None in taken:
             continue
         both = search.fit_description(best.description.add_effects(*added), best.fit.factors, best.fit, steps=3)
         if both and both.score < best.score:
