@@ -94,6 +94,16 @@ def test_an_effect_of_each_joint_is_added_at_once(rubbing: Search):
     assert names(add.apply(search, search.null).effects) == names([parse(VISCOUS), parse(DRY)])
 
 
+def test_what_takes_the_place_of_a_kept_effect_is_added_alone(rubbing: Search):
+    """An optional parameter can make another effect needless, so that a candidate has no more effects than before."""
+    search = afresh(rubbing)
+    kept, best, instead = (
+        search.fit_description(described(*effects), {}) for effects in ((BAND,), (BAND, VISCOUS), (DRY,))
+    )
+    assert best.score < kept.score and instead.score < kept.score
+    assert add.add_best(search, kept, [best, instead]) is best
+
+
 def test_what_does_nothing_is_dropped(rubbing: Search):
     search = afresh(rubbing)
     idle = ("backlash:joint=j1,half_width=0.0005", "joint_offset:joint=j2,offset=0.0001")
