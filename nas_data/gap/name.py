@@ -65,10 +65,9 @@ class Finding:
 
     @property
     def doubts(self) -> list[Hypothesis]:
-        """Rivals that this recording cannot exclude, closest first; the best one if it can exclude all."""
-        real = [rival for rival in self.rivals if not rival.is_equivalent]
-        equal = sorted((rival for rival in real if rival.is_equal), key=lambda rival: -rival.closeness)
-        return [rival.hypothesis for rival in equal or real[:1]]
+        """Rivals that this recording cannot exclude, closest first; the closest if it can exclude all."""
+        real = sorted((rival for rival in self.rivals if not rival.is_equivalent), key=lambda rival: -rival.closeness)
+        return [rival.hypothesis for rival in [one for one in real if one.is_equal] or real[:1]]
 
 
 @dataclass(frozen=True)
