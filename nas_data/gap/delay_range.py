@@ -21,7 +21,8 @@ def find_delay_range(
     """Return the smallest and the largest delay [s] of single episodes, by parameter; empty if they do not differ.
 
     Each episode is predicted with several delays, everything else unchanged. An episode has a delay of its own if this
-    lowers its misfit by more than the price of a parameter.
+    lowers its misfit by more than the price of a parameter. If fewer than four episodes were recorded, windows of 5 s
+    are compared, so that a delay that changes within an episode is found, too.
 
     Args:
         task: Model and training episodes.
