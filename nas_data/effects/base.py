@@ -198,7 +198,7 @@ class Effect:
         return self if self.in_model else None
 
     def written_form(self, scales: Scales) -> "Effect | None":
-        """Return an equivalent effect that a model file expresses, at a joint of these scales; None if none does."""
+        """Return this or a similar effect in a form that a model file expresses, at a joint of these scales, if any."""
         return self if self.in_model else None
 
     def to_json(self, slides: Collection[str] = ()) -> dict[str, object]:
