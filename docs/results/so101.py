@@ -11,12 +11,13 @@ from pages import HERE, Row, markdown_table, number, read_table, render, write_p
 from nas_data.reports.figures import AblationCurve, draw_error_over_amount
 from nas_data.reports.style import to_png
 
-GIVEN = {"0.55", "0.001", "0.000001"}  # the goal, and largest differences
+GIVEN = {"0.55", "0.001", "0.000001", "0.9"}  # the goal, largest differences, and a confidence
 MOTIONS = ("chirp_sweep", "random_waypoints", "friction_gravity", "pick_place")
-COMMIT = "f515ae8"  # of the search
+COMMIT = "5c76607e"  # of the search
 COLUMNS = {"given model": "source", "with the named effects": "names"}
 MODEL_GAIN = 998.22  # [N·m/rad] of so101_new_calib_nomesh.xml
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+SURE = 0.9  # confidence
 LOOPS = ("open_loop", "one_step")
 
 
@@ -78,6 +79,28 @@ class So101:
         """Return what is left in the joints, in noise floors."""
         values = [float(row["value"]) for row in self._found("so101") if row["effect"] == "unexplained"]
         return f"{min(values):.0f} to {max(values):.0f}"
+
+    def halves_table(self) -> str:
+        """Return the table of gains and dry friction from all motions and from every other one, by joint."""
+        parts = ("so101", "every other motion")
+        kinds = (("servo_stiffness", 3), ("coulomb_friction", 2))
+        rows = [
+            [f"`{joint}`", *(self._size(part, kind, joint, n) for kind, n in kinds for part in parts)]
+            for joint in JOINTS
+        ]
+        words = ("gain: all motions", "every other", "dry friction [N·m]: all motions", "every other")
+        return markdown_table(["joint", *words], rows)
+
+    def _size(self, recordings: str, effect: str, joint: str, digits: int) -> str:
+        for row in self._found(recordings):
+            if (row["effect"], row["joint"]) == (effect, joint):
+                value, low, high = (number(float(row[key]), digits) for key in ("value", "low", "high"))
+                return f"{value} [{low}, {high}]"
+        return "not named"
+
+    def sure_names(self, recordings: str) -> str:
+        """Return the number of names with a confidence of 0.9 or more."""
+        return str(sum(float(row["confidence"] or 0) >= SURE for row in self._found(recordings)))
 
     # Minutes of data
 
