@@ -11,10 +11,10 @@ from pages import HERE, Row, markdown_table, number, read_table, render, write_p
 from nas_data.reports.figures import AblationCurve, draw_error_over_amount
 from nas_data.reports.style import to_png
 
-GIVEN = {"0.55", "0.001", "0.000001", "0.9"}  # the goal, largest differences, and a confidence
+GIVEN = {"0.55", "0.001", "0.000001", "0.9", "0.2"}  # the goal, largest differences, a confidence, and a drift
 MOTIONS = ("chirp_sweep", "random_waypoints", "friction_gravity", "pick_place")
 COMMIT = "5c76607e"  # of the search
-COLUMNS = {"given model": "source", "with the named effects": "names"}
+COLUMNS = {"given model": "source", "with the named effects": "names", "and φ": "names + φ"}
 MODEL_GAIN = 998.22  # [N·m/rad] of so101_new_calib_nomesh.xml
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 SURE = 0.9  # confidence
