@@ -201,6 +201,10 @@ class Effect:
         """Return this or a similar effect in a form that a model file expresses, at a joint of these scales, if any."""
         return self if self.in_model else None
 
+    def expressible_part(self) -> "Effect":
+        """Return the effect without optional parameters that no model file expresses."""
+        return self
+
     def to_json(self, slides: Collection[str] = ()) -> dict[str, object]:
         """Return the effect as an entry of `effects.json`, without optional parameters that are neutral.
 

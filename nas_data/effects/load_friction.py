@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import mujoco
@@ -67,6 +67,10 @@ class LoadFriction(Effect):
         falling = (1 - self.kinetic_ratio) * math.exp(-((USUAL_SPEED * scales.speed / self.stribeck_velocity) ** 2))
         ratio = self.ratio * (self.kinetic_ratio + falling)
         return PressedFriction(joint=self.joint, ratio=ratio, torque=scales.torque, speed=scales.speed)
+
+    def expressible_part(self) -> Effect:
+        """Return friction that does not fall with speed."""
+        return replace(self, kinetic_ratio=1.0, stribeck_velocity=1.0)
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Stiffen the joint's friction constraint, whose torque the hook sets.

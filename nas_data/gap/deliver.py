@@ -33,7 +33,15 @@ def deliver(problem: Problem, naming: Naming, folder: Path, say: Report) -> Deli
     if found.accepts(found.outcome.written):
         return naming, found.outcome
     say("the written names predict held-out episodes worse than the plain fit or the model as given")
-    for attempt in (fit_with_fine_steps, keep_written_names, add_plain_fit, write_plain_fit, keep_confirmed_names):
+    attempts = (
+        fit_with_fine_steps,
+        fit_expressible_parts,
+        keep_written_names,
+        add_plain_fit,
+        write_plain_fit,
+        keep_confirmed_names,
+    )
+    for attempt in attempts:
         if delivered := attempt(found):
             return delivered
     return leave_names_out(found)
@@ -121,6 +129,16 @@ def fit_with_fine_steps(found: Delivery) -> Delivered | None:
     fine = found.fit(found.names, final.factors, fine=True, rounds=1)
     outcome = found.score(fine)
     return (found.naming.with_fit(fine), outcome) if found.accepts(outcome.written) else None
+
+
+def fit_expressible_parts(found: Delivery) -> Delivered | None:
+    """Write the names as a fit without what no file expresses, such as the fall of friction under load with speed."""
+    final = found.naming.final
+    parts = [effect.expressible_part() for effect in final.effects]
+    if parts == list(final.effects):
+        return None
+    outcome = found.score(found.fit(found.names.with_effects(parts), final.factors, fine=True, intervals=False))
+    return found.deliver_with_names(replace(outcome, expresses_all=False)) if found.accepts(outcome.written) else None
 
 
 def keep_written_names(found: Delivery) -> Delivered | None:

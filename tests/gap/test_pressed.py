@@ -131,6 +131,18 @@ def test_what_needs_fine_steps_in_a_file_is_fitted_with_them(tmp_path: Path):
     assert found.expresses_all and found.delivered == "names"
 
 
+def test_friction_that_falls_with_speed_is_written_as_a_fit_of_one_that_does_not(given: Problem, tmp_path: Path):
+    """It is named as it was found all the same, and no name is said to be in the file."""
+    wanted = named(f"{LOAD},kinetic_ratio=0.2,stribeck_velocity=0.3", "coulomb_friction:joint=m2,torque=0.03")
+    wanted = replace(wanted, final=replace(wanted.final, fine=True))
+    (tmp_path / "report").mkdir()
+    naming, found = deliver(given, wanted, tmp_path / "report", silence)
+    assert naming is wanted and not found.expresses_all and found.delivered == "names"
+    assert flags(tmp_path / "report") == {"load_friction": False}
+    assert mujoco.MjModel.from_xml_path(str(found.model)).joint("m2_pressed_pad")
+    assert error(given, found.written) < 0.5 * error(given, found.plain)
+
+
 @pytest.mark.slow
 def test_names_hold_where_no_file_can_express_them(given: Problem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(added_file, "SIZES", ((0.05, 20.0),))
