@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from nas_data.arrays import thin_evenly
 from nas_data.effects.base import Effect
 from nas_data.errors import ModelFileError
 from nas_data.gap.search.constants import PARAMETER_PRICE
@@ -13,6 +14,7 @@ from nas_data.gap.search.objective import FitTask
 
 RATIO = 1.15  # between neighbouring delays that are tried
 MOST = 8  # neighbours on either side: a third to three times the delay
+MOST_EPISODES = 40  # episodes, or windows of long ones, that are compared
 
 
 def find_delay_range(
@@ -30,7 +32,9 @@ def find_delay_range(
         factors: Fitted factors of the model's parameters, by name.
         number: Index of the effect.
     """
-    effect, recordings = effects[number], number_recordings(task.evidence)
+    effect = effects[number]
+    task = task.select(thin_evenly(len(task.evidence), MOST_EPISODES))
+    recordings = number_recordings(task.evidence)
     if not effect.stepwise or recordings.max() < 1:
         return {}
     task = task.infer_initial_loads(effects, factors).estimate_initial_states(effects, factors)
