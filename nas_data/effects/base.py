@@ -198,7 +198,7 @@ class Effect:
         return self if self.in_model else None
 
     def written_form(self, scales: Scales) -> "Effect | None":
-        """Return this or a similar effect in a form that a model file expresses, at a joint of these scales, if any."""
+        """Return an equivalent effect that a model file expresses, at a joint of these scales; None if none does."""
         return self if self.in_model else None
 
     def expressible_part(self) -> "Effect":

@@ -15,8 +15,6 @@ from nas_data.effects.edits.hook import StepForces, StepHook
 from nas_data.effects.edits.press import press_pad
 from nas_data.mjcf.actuator_lookup import compute_leverage, find_servo_actuators
 
-USUAL_SPEED = 0.25  # share of a joint's large speed
-
 
 @dataclass(frozen=True, kw_only=True)
 class LoadFriction(Effect):
@@ -63,10 +61,10 @@ class LoadFriction(Effect):
         return CoulombFriction(joint=self.joint, torque=0.5 * self.ratio * scales.torque)
 
     def written_form(self, scales: Scales) -> Effect | None:
-        """Return the friction of usual speeds as a contact of a pad, which is equivalent if it does not fall."""
-        falling = (1 - self.kinetic_ratio) * math.exp(-((USUAL_SPEED * scales.speed / self.stribeck_velocity) ** 2))
-        ratio = self.ratio * (self.kinetic_ratio + falling)
-        return PressedFriction(joint=self.joint, ratio=ratio, torque=scales.torque, speed=scales.speed)
+        """Return the same friction as a contact of a pad; None if it falls with speed."""
+        if self.kinetic_ratio < 1:
+            return None
+        return PressedFriction(joint=self.joint, ratio=self.ratio, torque=scales.torque, speed=scales.speed)
 
     def expressible_part(self) -> Effect:
         """Return friction that does not fall with speed."""
