@@ -1,7 +1,13 @@
-"""Atomic writing of files."""
+"""Names of files, and atomic writing."""
 
 import os
+import re
 from pathlib import Path
+
+
+def make_file_name(name: str) -> str:
+    """Return a name, for example a joint's, with `_` for characters that separate folders or need quoting."""
+    return re.sub(r"[^\w.-]", "_", name)
 
 
 def write_atomic(path: Path, content: bytes) -> None:

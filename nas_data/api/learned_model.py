@@ -66,6 +66,10 @@ class LearnedModel:
         return cls(checkpoint.load_for_inference(place), read_kept_files(place), folder=place)
 
     def save(self, folder: str | Path) -> Path:
-        """Write a checkpoint for use by every command; an older one in the folder is replaced."""
+        """Write a checkpoint for use by every command; an older one in the folder is replaced.
+
+        Raises:
+            OutputExists: the folder holds something else, such as a training.
+        """
         Path(folder).parent.mkdir(parents=True, exist_ok=True)
         return checkpoint.save(self.network, Path(folder), self.source)

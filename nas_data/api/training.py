@@ -22,6 +22,7 @@ from nas_data.dataset import versions
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import find_identity, kept_folders
 from nas_data.errors import DatasetInvalid, ModelFileError
+from nas_data.models.checkpoint import KINDS
 from nas_data.models.evaluation import evaluate as evaluate_predictors
 from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions, choose_preset
@@ -162,7 +163,8 @@ def train(dataset: Dataset, request: TrainingRequest) -> LearnedModel:
     origin, seen = dataset.origin, find_identity(dataset)
     notes = [f"derived {key}: {how}" for key, how in (origin.derived if origin else {}).items()]
     provenance: dict[str, object] = {
-        "dataset": {"name": seen.name, "content_hash": seen.content_hash, "episodes": list(request.episodes)}
+        "dataset": {"name": seen.name, "content_hash": seen.content_hash, "episodes": list(request.episodes)},
+        KINDS: list(dataset.kinds),
     }
     given = as_optional_model(request.model, request.actuators)
     with kept_folders(dataset) as kept_in:

@@ -12,9 +12,8 @@ from nas_data.commands.record_ergojr import RecordErgojr
 from nas_data.commands.trial_ergojr import TrialErgojr
 from nas_data.hardware.xl320.arm import Xl320
 from nas_data.runs.progress import say
-from nas_data.studies.trial.change import KnownChange, TestedArm
+from nas_data.studies.trial.change import ChangeNotMade, KnownChange, TestedArm
 from nas_data.studies.trial.changed_arm import Adjustment, ChangedXl320
-from nas_data.studies.trial.recorder import ChangeNotMade
 
 if TYPE_CHECKING:
     from nas_data.hardware.arms.base import Driver

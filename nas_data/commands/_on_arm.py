@@ -142,7 +142,7 @@ class OnArm:
     def _setup(self, name: str, own: str, task: Task, stack: ExitStack) -> Setup:
         return Setup(
             driver=Xl320(
-                port=stack.enter_context(port_of(name, lockstep=self.options.lockstep and name == VIRTUAL)),
+                port=stack.enter_context(port_of(name, lockstep=self.options.lockstep)),
                 joints=self._joints(name, own),
                 configuration=self._configuration,
             ),

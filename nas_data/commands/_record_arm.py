@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
@@ -117,7 +117,7 @@ class RecordArm(Command):
             return self._finish(growing, name)
 
     def _record(self, growing: "IncrementalWriter", protocol: "PlaybackProtocol", step: float) -> None:
-        from nas_data.recorders.arm import Job, RecordingJob, check_arm
+        from nas_data.recorders.arm import Job, RecordingJob, check_arm, check_same_arm
         from nas_data.recorders.guarded import Setup
         from nas_data.recorders.path_planner import PathPlanner
         from nas_data.recorders.schedule import MonotonicClock, SteppedClock
@@ -125,7 +125,7 @@ class RecordArm(Command):
 
         robot = self.arm_model()
         with self.driver() as driver, stop_on_signals():
-            check_arm(driver)  # before the plan, which takes a while
+            description = check_arm(driver)  # before the plan, which takes a while
             setup = Setup(
                 driver=driver,
                 planner=PathPlanner(restrict_to_arm(robot, driver)),
@@ -133,6 +133,7 @@ class RecordArm(Command):
                 largest_step=step,
             )
             plan, provenance = self._plan(growing, protocol, restrict_to_arm(robot, driver)), self._provenance(protocol)
+            check_same_arm(growing, replace(provenance, target={**description, **(provenance.target or {})}))
             job = Job(setup=setup, plan=plan, hot=self.hot, provenance=provenance)
             clock = SteppedClock() if self.lockstep else MonotonicClock()
             count, wanted = Counting("saved"), len(plan.commands)
@@ -219,8 +220,6 @@ class RecordArm(Command):
 
 def restrict_to_arm(robot: "Robot", driver: "Driver") -> "Robot":
     """Return the model with only the arm's joints, in their order."""
-    from dataclasses import replace
-
     if robot.joints == driver.names:
         return robot
     rest = dict(zip(robot.joints, robot.rest, strict=False))

@@ -44,7 +44,8 @@ class Effects(Command):
 def summarise_effect(kind: "type[Effect]", width: int) -> str:
     """Return one line: name, padded to a width, possible joints, parameters."""
     parameters = ", ".join(f"{p.name} [{p.unit}]" if p.unit else p.name for p in kind.parameters)
-    return f"{kind.name():<{width}} {' or '.join(list_places(kind)):<12} {parameters}"
+    line = f"{kind.name():<{width}} {' or '.join(list_places(kind)):<12} {parameters}"
+    return line if is_searched(kind) else f"{line} (not searched by nas gap)"
 
 
 def describe_effect(kind: "type[Effect]") -> Iterator[str]:
@@ -55,6 +56,7 @@ def describe_effect(kind: "type[Effect]") -> Iterator[str]:
         **{parameter.name: describe_bounds(parameter) for parameter in kind.parameters},
         "signature": kind.signature,
         "confused with": ", ".join(kind.confused_with) or "none known",
+        "searched": "by nas gap" if is_searched(kind) else "no; --effect and --effects add it",
         "in model.xml": "yes" if kind.in_model else beyond,
         "source": kind.source,
     }
@@ -65,6 +67,13 @@ def describe_effect(kind: "type[Effect]") -> Iterator[str]:
 def describe_bounds(parameter: "Parameter") -> str:
     """Return a parameter's bounds, unit and neutral value."""
     return f"{parameter.low:g} … {parameter.high:g} {parameter.unit}".rstrip() + f", neutral at {parameter.neutral:g}"
+
+
+def is_searched(kind: "type[Effect]") -> bool:
+    """Return whether `nas gap` searches for an effect: whether it has initial guesses."""
+    from nas_data.effects.base import Effect
+
+    return kind.guesses.__func__ is not Effect.guesses.__func__  # type: ignore[attr-defined]  # of classmethods
 
 
 def list_places(kind: "type[Effect]") -> list[str]:
@@ -88,6 +97,7 @@ def make_json(kind: "type[Effect]") -> dict[str, object]:
         "equation": kind.equation,
         "signature": kind.signature,
         "confused_with": list(kind.confused_with),
+        "searched": is_searched(kind),
         "in_model": kind.in_model,
         "source": kind.source,
     }

@@ -38,22 +38,29 @@ class GapAdd(TakesModel):
 
     def run(self) -> CommandResult:
         """Write the model and score it."""
+        from nas_data.atomic_file import write_atomic
         from nas_data.gap.compose import measure_gap
         from nas_data.gap.model_correction import ModelCorrection
-        from nas_data.gap.output_folder import check_model
+        from nas_data.gap.output_folder import check_output_folder
         from nas_data.gap.problem import Problem
         from nas_data.gap.score_model import score_model
         from nas_data.gap.search.final import FinalFit
+        from nas_data.gap.write_model import EFFECTS
         from nas_data.joint_units import find_display_unit
 
-        check_model(self.out, self.model)
-        begin("reading the recording")
-        problem = Problem.load(self.dataset, self.actuated(self.model))
-        begin("writing and evaluating the model")
+        check_output_folder(self.out, self.model)
         named = ModelCorrection.read(self.effects)
+        begin("reading the recording")
+        problem = Problem.load(self.dataset, self.actuated(self.model), registers=named.registers)
+        named.check(problem.as_given.robot, problem.evidence.joints)
+        begin("writing and evaluating the model")
         final = FinalFit(named.effects, named.retuned, ())
         self.out.mkdir(parents=True, exist_ok=True)
+        given = named.path.parent / EFFECTS
+        exact = given.read_bytes() if given.is_file() else None  # a report.json beside it has rounded values
         outcome = score_model(problem, final, FinalFit((), {}, ()), FinalFit((), {}, ()), self.out)
+        if exact is not None and given.resolve() == (self.out / EFFECTS).resolve():
+            write_atomic(given, exact)
         found = measure_gap(problem.held, outcome)
         shown = " and ".join(
             f"{unit.text(errors.before, 3)} before, {unit.text(errors.after, 3)} after"

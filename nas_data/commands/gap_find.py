@@ -26,6 +26,7 @@ class GapFind(TakesModel):
 
     def run(self) -> CommandResult:
         """Compare recording and model, and print the findings."""
+        from nas_data.atomic_file import write_atomic
         from nas_data.gap.problem import Problem
         from nas_data.gap.workflow import find_gap
         from nas_data.runs.progress import begin
@@ -37,8 +38,7 @@ class GapFind(TakesModel):
         found = find_gap(problem)
         text = found.text()
         if self.out is not None:
-            self.out.mkdir(parents=True, exist_ok=True)
             path = self.out / "find.json"
-            path.write_text(json.dumps(make_finite(found.to_json()), indent=1), encoding="utf-8")
+            write_atomic(path, json.dumps(make_finite(found.to_json()), indent=1).encode())
             text += f"\n{path}"
         return CommandResult(text, found.to_json())

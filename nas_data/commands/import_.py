@@ -12,6 +12,7 @@ from nas_data.count_of import count_of
 from nas_data.runs.progress import PAUSE, RateLimited, begin, say
 
 if TYPE_CHECKING:
+    from nas_data.api.importing import ImportRequest
     from nas_data.dataset.audits.base import AuditFinding
     from nas_data.recorders.logs import Import
 
@@ -41,7 +42,8 @@ class ImportLogs(Command):
     dataset may do without."""
     unit: str | None = None
     """Unit of a LeRobot dataset: deg, range (−100 … 100, with --calibration) or rad. With a map it is inferred from the
-    readings by default; without a map, every joint has this unit."""
+    readings by default; without a map, every joint has this unit, but joints with gripper in their name have 0 … 100 of
+    their range unless the unit is rad."""
     calibration: Path | None = None
     """LeRobot's calibration file (JSON) of the recorded robot; needed only to convert −100 … 100."""
     model: str | None = None
@@ -78,6 +80,8 @@ class ImportLogs(Command):
             cut=self.cut,
             progress=RateLimited(lambda what: say(f"reading {what}"), first=PAUSE),
         )
+        if self.name is None and self.out is None:
+            _check_default_name(request)
         begin(f"reading and checking {count_of(len(self.logs), 'log')}")
         imported = read_logs(request)
         result, name = imported.result, self.name or imported.name
@@ -87,6 +91,31 @@ class ImportLogs(Command):
         lines = [*imported.notes, *(f"derived {key}: {how}" for key, how in derived)]
         text = "\n".join([_format_result(result, root), *(f"  {line}" for line in lines)])
         return CommandResult(text, _make_json(result, root, imported.notes))
+
+
+def _check_default_name(request: "ImportRequest") -> None:
+    """Refuse a robot or folder whose name cannot be that of a dataset, before logs are read."""
+    from nas_data.dataset.info import DatasetInfo
+    from nas_data.dataset.versions import check_name, resolve
+    from nas_data.errors import OptionError
+    from nas_data.importing.lerobot import is_dataset
+    from nas_data.importing.map_file import load_map
+
+    if request.map is not None:
+        owner, name = f"the robot of {request.map}", load_map(request.map).robot
+    elif len(request.logs) != 1 or not is_dataset(request.logs[0]):
+        return  # reading explains what is wrong
+    elif request.lerobot_options.needs_map:
+        owner, name = (
+            f"the robot of {request.logs[0]}",
+            DatasetInfo.read(resolve(request.logs[0])).robot_type or "unknown",
+        )
+    else:
+        owner, name = str(request.logs[0]), request.logs[0].resolve().name
+    try:
+        check_name(name)
+    except OptionError as error:
+        raise OptionError(f"The name of {owner} would be the dataset's: {error} Give another with --name.") from None
 
 
 def _format_result(result: "Import", root: Path) -> str:

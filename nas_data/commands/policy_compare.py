@@ -51,6 +51,7 @@ class PolicyCompare(Command):
         """Train, evaluate and compare."""
         import json
 
+        from nas_data.atomic_file import write_atomic
         from nas_data.envs.loop.dynamics_spec import DynamicsSpec
         from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare
         from nas_data.typed_json import make_finite
@@ -76,7 +77,7 @@ class PolicyCompare(Command):
         study = Study(target, methods, self.seed, self.frames, self.episodes)
         found = compare(study, self.out, self.workers)
         result = self.out / "comparison.json"
-        result.write_text(json.dumps(make_finite(found.describe()), indent=1, allow_nan=False), encoding="utf-8")
+        write_atomic(result, json.dumps(make_finite(found.describe()), indent=1, allow_nan=False).encode())
         head = (
             f"{self.env} with dynamics '{self.dynamics}', {count_of(self.frames, 'frame', ',')}, "
             f"{count_of(self.episodes, 'episode')} per policy:"

@@ -56,7 +56,8 @@ class PolicyEvaluate(Command):
     finish: bool = False
     """Roll out no more episodes: write the dataset of the saved ones."""
     speed: float = 1.745
-    """Speed limit in the servos [rad/s], 100°/s as in the paper; use that of the policy's training. 0 for none."""
+    """Speed limit in the servos [rad/s], 100°/s as in the paper; 0 for none. Use that of the recording
+    from which the policy's model was made."""
     largest_step: float = 3.2
     """Largest difference between successive commands [rad]."""
     id: str = "ergojr"

@@ -1,6 +1,6 @@
 """A dataset in memory: one array per feature over all frames, divided into episodes."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -297,6 +297,15 @@ class Dataset:
     def with_column(self, key: str, feature: Feature, column: Array) -> "Dataset":
         """Return the dataset with one more (or a replaced) column of shape (N, width)."""
         return replace(self, features={**self.features, key: feature}, columns={**self.columns, key: column})
+
+    def without_columns(self, keys: Collection[str]) -> "Dataset":
+        """Return the dataset without some columns; keys that it lacks are ignored."""
+        kept = [key for key in self.features if key not in keys]
+        return replace(
+            self,
+            features={key: self.features[key] for key in kept},
+            columns={key: self.columns[key] for key in kept},
+        )
 
     def _find_feature(self, key: str) -> Feature:
         if key not in self.features:

@@ -14,14 +14,13 @@ from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.audits.base import IMPORTED, UNWRAP, AuditFinding
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import STATE, VELOCITY
-from nas_data.dataset.joints import REMEDY
+from nas_data.dataset.joints import REMEDY, is_gripper
 from nas_data.dataset.provenance import Provenance, read_provenance
-from nas_data.dataset.transitions import as_transitions
+from nas_data.dataset.transitions import as_transitions, list_single_frames
 from nas_data.errors import DatasetInvalid
 
 OURS = {"simulated", "hardware", "imported", "paired"}
 MAPS = Path(__file__).parents[1] / "importing" / "maps"
-REFUSED = ("rate", "time_gap", "time_backwards", "repeated_time", "not_finite", "unit_slip")
 ALSO_CALLED = {"so_follower": "so101_follower"}  # LeRobot's name of a SO-100 and a SO-101, whose encoders are equal
 LARGEST = 100.001  # bound of LeRobot's −100 … 100, with rounding
 LEROBOT = "_lerobot"  # suffix of the names of maps for LeRobot's datasets
@@ -39,8 +38,8 @@ def audit_external(root: Path, recorded: Dataset) -> tuple[Dataset, dict[str, st
 
     Raises:
         JointMismatch: state and action name different joints, or none.
-        DatasetInvalid: the unit is not radians, or the clock contradicts the rate or has gaps; the message names the
-            command that imports the dataset.
+        DatasetInvalid: the unit is not radians, or an audit finds an error; the message names the command
+            that imports the dataset.
     """
     try:
         dataset, derived = as_transitions(recorded)
@@ -48,23 +47,47 @@ def audit_external(root: Path, recorded: Dataset) -> tuple[Dataset, dict[str, st
         raise DatasetInvalid(str(error).replace(REMEDY, import_command(root, recorded))) from None
     if is_ours(read_provenance(root)):
         return dataset, derived, ()
-    findings = audit_dataset(dataset)
+    findings = (*report_single_frames(recorded), *audit_dataset(dataset))
     refuse(root, findings, recorded)
     found = [replace(finding, remedy=find_remedy(root, finding, recorded)) for finding in findings]
-    return dataset, derived, format_warnings(found)
+    warnings = format_warnings(found)
+    if not recorded.features[STATE].units:
+        radians = f"nas import {shlex.quote(str(root))} --unit rad"
+        assumed = f"{root} stores no unit: taken as radians; if that is right, store it: {radians}"
+        warnings = (f"{assumed}; if not, {import_command(root, recorded)}", *warnings)
+    return dataset, derived, warnings
+
+
+def report_single_frames(dataset: Dataset) -> list[AuditFinding]:
+    """Return findings on the episodes of one frame, which are left out of the transitions."""
+    what = "there is a single frame, which makes no transition: it is left out, and later episodes are renumbered"
+    return [AuditFinding("too_short", f"episode {episode}", what) for episode in list_single_frames(dataset)]
 
 
 def is_ours(provenance: Provenance | None) -> bool:
-    """Whether nas recorded or imported a dataset; then it is in SI units and was audited."""
-    return provenance is not None and provenance.how in OURS
+    """Whether nas recorded or imported a dataset or all its parents; then it is in SI units and was audited."""
+    if provenance is None:
+        return False
+    # of datasets without parents, only those of nas are contiguous; others are contiguous if all their parents are
+    return provenance.how in OURS or (provenance.how == "edited" and provenance.contiguous and bool(provenance.parents))
 
 
 def refuse(root: Path, findings: Sequence[AuditFinding], dataset: Dataset) -> None:
-    """Raise DatasetInvalid if clock or unit are wrong; the message has the command that imports the dataset."""
-    error = next((finding for finding in findings if finding.error and finding.check in REFUSED), None)
+    """Raise DatasetInvalid if there is an error; the message has the command that imports the dataset."""
+    error = next((finding for finding in findings if finding.error), None)
     if error is None:
         return
     raise DatasetInvalid(f"{root}: in {error.file} {error.what}; {find_remedy(root, error, dataset)}.")
+
+
+def refuse_unknown_unit(root: Path, dataset: Dataset) -> None:
+    """Raise DatasetInvalid if no unit is stored and LeRobot records this robot in other units than radians."""
+    if dataset.features[STATE].units or not map_for(dataset.robot_type):
+        return
+    raise DatasetInvalid(
+        f"{root} stores no unit, and LeRobot records a {dataset.robot_type} in degrees or −100 … 100; "
+        f"{import_command(root, dataset)}; if these are radians: nas import {shlex.quote(str(root))} --unit rad."
+    )
 
 
 def add_remedy(root: Path, provenance: Provenance | None, finding: AuditFinding, dataset: Dataset) -> AuditFinding:
@@ -106,8 +129,8 @@ def import_command(root: Path, dataset: Dataset) -> str:
     if name:
         return f"import it: nas import {where} --map {name}"
     names = dataset.features[STATE].names
-    body = [column for column, name in enumerate(names) if not ("gripper" in name or name.endswith(VELOCITY))]
-    more = " --model MODEL.xml" if any("gripper" in name for name in names) else ""
+    body = [column for column, name in enumerate(names) if not (is_gripper(name) or name.endswith(VELOCITY))]
+    more = " --model MODEL.xml" if any(map(is_gripper, names)) else ""
     could_be_range = np.abs(dataset.columns[STATE][:, body]).max(initial=0.0) <= LARGEST
     other = "LeRobot's −100 … 100 need --unit range --calibration FILE instead of --unit deg; if these are degrees, "
     return (other if could_be_range else "") + f"import it: nas import {where} --unit deg{more}"

@@ -14,6 +14,9 @@ LARGEST_LENGTH = 10.0  # [m] slides of arms stay below, millimetres exceed it
 # Common spellings of the units of hinges and slides; the first one is the contract's.
 ANGULAR = {POSITION: ("rad",), VELOCITY: ("rad/s",), EFFORT: ("N·m", "N*m", "N m", "Nm")}
 LINEAR = {POSITION: ("m",), VELOCITY: ("m/s",), EFFORT: ("N",)}
+SERVO_RESOLUTION = 4096  # [ticks per turn] of the servos that LeRobot's arms have
+MIN_READINGS = 8  # distinct readings needed to find their step
+GRID_TOLERANCE = 0.03  # [ticks] tolerance of the grid; float32 resolves a thousandth of a tick
 REMEDY = "import it with a map that gives the unit (nas import --map)"
 NAMES = "import it with a map that gives the joints (nas import --map)"
 SAME_NAMES = "name the same joints in both, or name them in a map (nas import --map)"
@@ -65,7 +68,8 @@ class Components:
 def check_units(dataset: Dataset, key: str, components: Components, slides: Collection[str]) -> bool:
     """Refuse units other than SI: radians for hinges, metres for slides.
 
-    A stored unit is trusted, because a joint may make several turns.
+    A stored unit is trusted, because a joint may make several turns. Without one, values too large for radians are
+    refused, and readings that are whole ticks of a servo in degrees.
 
     Args:
         dataset: The dataset.
@@ -97,7 +101,31 @@ def check_units(dataset: Dataset, key: str, components: Components, slides: Coll
         )
         if largest > most and not feature.units:
             raise DatasetInvalid(f"'{key}' of joint {joint} reaches {largest:.4g}, which cannot be {what}; {REMEDY}.")
+        if not feature.units and any(is_on_grid(column[:, index], step) for step in list_degree_steps()):
+            raise DatasetInvalid(
+                f"the values of '{key}' of joint {joint} are multiples of {360 / SERVO_RESOLUTION:.4f}, as of a servo "
+                f"that is read in degrees; {REMEDY}."
+            )
     return bool(feature.units)
+
+
+def list_degree_steps(resolution: int = SERVO_RESOLUTION) -> tuple[float, float]:
+    """Return a servo's tick in degrees, by LeRobot and by its first versions (see `importing/calibration.py`)."""
+    return 360 / (resolution - 1), 360 / resolution
+
+
+def is_on_grid(values: np.ndarray, step: float) -> bool | None:
+    """Return whether readings are multiples of a step apart; None if too few differ."""
+    different = np.unique(values)
+    if len(different) < MIN_READINGS:
+        return None
+    counts = (different - different[0]) / step
+    return bool((np.abs(counts - np.round(counts)) < GRID_TOLERANCE).all())
+
+
+def is_gripper(name: str) -> bool:
+    """Return whether a joint or component is a gripper by its name; LeRobot gives 0 … 100 of its range."""
+    return "gripper" in name.lower()
 
 
 def find_slides(feature: Feature, components: Components) -> frozenset[str]:

@@ -1,6 +1,7 @@
 """Merge of several datasets of one robot; episodes keep the given order."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from nas_data.dataset.content import hash_episodes
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import Derived, Original, find_common_value, inherit
 from nas_data.dataset.descriptions import describe_kind, find_difference
-from nas_data.dataset.features import SIM_STATE, STATE, Feature
+from nas_data.dataset.features import NEXT_STATE, SIM_ENVIRONMENT, SIM_STATE, STATE, Feature
 from nas_data.dataset.passthrough import PassthroughFeatures, shared_features
 from nas_data.errors import DatasetInvalid, JointMismatch
 
@@ -22,6 +23,8 @@ LEAVE_OUT = "to leave a camera out, use LeRobot's 'lerobot-edit-dataset --operat
 def merge(originals: Sequence[Original]) -> Derived:
     """Merge datasets with equal joints, features, rate and robot type.
 
+    The source's predictions are left out if a dataset has none; they can be computed again.
+
     Args:
         originals: The datasets, at least one.
 
@@ -29,18 +32,28 @@ def merge(originals: Sequence[Original]) -> Derived:
         JointMismatch: two datasets have different joints.
         DatasetInvalid: they differ in a feature, the rate or the robot type.
     """
-    first = originals[0]
-    for other in originals[1:]:
-        check_mergeable(first, other)
+    parts = drop_partial_predictions(originals)
+    for other in parts[1:]:
+        check_mergeable(parts[0], other)
     names = ", ".join(original.parent.name for original in originals)
     files = [original.attachments for original in originals]
     return Derived(
-        dataset=concatenate([original.dataset for original in originals]),
+        dataset=concatenate([part.dataset for part in parts]),
         provenance=inherit(originals, f"merged from {names}"),
         attachments={
             key: content for key, content in files[0].items() if all(item.get(key) == content for item in files)
         },
     )
+
+
+def drop_partial_predictions(originals: Sequence[Original]) -> list[Original]:
+    """Return the datasets without the source's predictions that one of them lacks."""
+    partial = {
+        key
+        for key in (SIM_STATE, SIM_ENVIRONMENT)
+        if not all(key in original.dataset.features for original in originals)
+    }
+    return [replace(original, dataset=original.dataset.without_columns(partial)) for original in originals]
 
 
 def concatenate(datasets: Sequence[Dataset]) -> Dataset:
@@ -83,15 +96,19 @@ def list_merge_warnings(originals: Sequence[Original]) -> Iterator[str]:
     """Yield warnings about a merge, one sentence each."""
     for original in originals:
         yield from original.remarks()
-    kept = originals[0].dataset.features
-    if (
+    parts = drop_partial_predictions(originals)
+    kept = parts[0].dataset.features
+    unpaired = [original.root for original in originals if not original.dataset.paired]
+    if SIM_STATE not in kept and len(unpaired) < len(originals):
+        yield f"'{SIM_STATE}' is left out, because {unpaired[0]} lacks it: pair the merged dataset (nas pair)."
+    elif (
         SIM_STATE in kept
         and find_common_value([original.provenance and original.provenance.source for original in originals]) is None
     ):
         yield f"'{SIM_STATE}' comes from no single known source: pair the merged dataset again (nas pair)."
     if len({original.attachments.get(layout.SUBTASKS) for original in originals}) > 1:
         yield f"{layout.SUBTASKS} is left out, because it is not the same in all; 'subtask_index' keeps its numbers."
-    hashes = [found for original in originals for found in hash_episodes(original.dataset, sorted(kept))]
+    hashes = [found for part in parts for found in hash_episodes(part.dataset, sorted(kept))]
     repeated = len(hashes) - len(set(hashes))
     if repeated:
         yield (
@@ -155,7 +172,7 @@ def _check_features(a: Original, b: Original) -> None:
         if missing:
             remedy = (
                 "pair both with the same model (nas pair)"
-                if SIM_STATE in missing
+                if NEXT_STATE in missing  # pairing derives it where LeRobot recorded
                 else "record or import both in the same way"
             )
             raise DatasetInvalid(f"{poor.root} lacks '{missing[0]}', which {rich.root} has; {remedy} to merge them.")

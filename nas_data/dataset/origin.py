@@ -213,7 +213,7 @@ def make_from_arrays(
     n = len(joints)
     measured = split_episodes(positions, n, "positions")
     asked = [
-        np.concatenate([part, part[-1:]]) if len(part) and len(part) + 1 == len(rows) else part
+        np.concatenate([part, part[-1:]]) if len(part) + 1 == len(rows) else part
         for part, rows in zip_episodes(split_episodes(commands, n, "commands"), measured, "commands")
     ]
     columns = {STATE: measured, ACTION: asked}
@@ -226,12 +226,16 @@ def make_from_arrays(
         ]
         features[STATE] = make_state_feature(joints, slides)
     if times is not None:
-        clocks = [times] if np.ndim(times[0]) == 0 else list(times)
-        pairs = zip_episodes([np.reshape(np.asarray(part, float), (-1, 1)) for part in clocks], measured, "times")
+        pairs = zip_episodes(split_episodes(times, 1, "times", depth=1), measured, "times")
         columns[TIME] = [part - part[:1] for part, rows in pairs if check_same_length(part, rows, "times")]
         features[TIME] = make_time_feature()
     for part, rows in zip(asked, measured, strict=True):
         check_same_length(part, rows, "commands")
+    if len(tasks) not in (0, len(measured)):
+        raise DatasetInvalid(
+            f"There are {count_of(len(tasks), 'task')} for {count_of(len(measured), 'episode')}; give one for each, or "
+            "none."
+        )
     dataset = Dataset(
         features=features,
         columns={key: np.concatenate(parts).astype(features[key].dtype) for key, parts in columns.items()},
@@ -269,23 +273,34 @@ def check_options(rate: float, joints: Sequence[str], kinds: Sequence[str], slid
         raise JointMismatch(f"slides name '{strange[0]}', which is no joint; choose among: {', '.join(joints)}.")
 
 
-def split_episodes(values: Episodes, width: int, what: str) -> list[Array]:
+def split_episodes(values: Episodes, width: int, what: str, depth: int = 2) -> list[Array]:
     """Split an argument into one array of shape (T, width) per episode.
 
     Args:
-        values: One such array, a list of them, or an array of shape (E, T, width).
+        values: One such array, a list of them, or an array of shape (E, T, width); anything that numpy can read, such
+            as a DataFrame. A width of 1 may be left out: (T,) for one episode.
         width: Expected width.
         what: Name of the argument in error messages.
+        depth: Dimensions of one episode: 2, or 1 for a clock.
 
     Raises:
-        DatasetInvalid: the shape is another.
+        DatasetInvalid: the shape is another, there are no rows, or values are no numbers.
     """
-    parts = [np.asarray(values)] if np.ndim(values[0]) == 1 else list(values)
-    arrays = [np.asarray(part, float) for part in parts]
-    wrong = next((part.shape for part in arrays if part.ndim != 2 or part.shape[1] != width), None)
-    if wrong is not None:
-        raise DatasetInvalid(f"An episode of {what} has shape {wrong}; (T, {width}) is needed, a column a joint.")
-    return arrays
+    listed = np.atleast_1d(values) if hasattr(values, "__array__") else list(values)
+    one = not len(listed) or np.ndim(listed[0]) < depth
+    try:
+        arrays = [np.asarray(part, float) for part in ([listed] if one else listed)]
+    except (TypeError, ValueError):
+        raise DatasetInvalid(
+            f"The {what} are not numbers in rows of {width}; give an array (T, {width}), or one per episode."
+        ) from None
+    arrays = [part[:, None] if part.ndim == 1 and width == 1 else part for part in arrays]
+    wrong = next((part.shape for part in arrays if part.ndim != 2 or part.shape[1] != width or not len(part)), None)
+    if wrong is None:
+        return arrays
+    if wrong[:1] == (0,):
+        raise DatasetInvalid(f"An episode of {what} has no rows (shape {wrong}); leave it out, or give its rows.")
+    raise DatasetInvalid(f"An episode of {what} has shape {wrong}; (T, {width}) is needed, a column a joint.")
 
 
 def zip_episodes(parts: list[Array], measured: list[Array], what: str) -> list[tuple[Array, Array]]:

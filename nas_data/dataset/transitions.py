@@ -67,6 +67,11 @@ def as_transitions(dataset: Dataset) -> tuple[Dataset, dict[str, str]]:
     return dataset, derived
 
 
+def list_single_frames(dataset: Dataset) -> list[int]:
+    """Return the episodes of one frame without a next state, which make no transition and are left out."""
+    return [] if NEXT_STATE in dataset.features else np.flatnonzero(dataset.lengths == 1).tolist()
+
+
 def estimate_velocities(positions: np.ndarray, fps: float) -> np.ndarray:
     """Estimate velocities by the method in the module's docstring.
 
@@ -169,7 +174,10 @@ def _with_velocities(dataset: Dataset, has_next: bool) -> Dataset:
 
 
 def _with_next(dataset: Dataset) -> Dataset:
-    """Use the following frame's state as the next state; the last frame of each episode is dropped."""
+    """Use the following frame's state as the next state; the last frame of each episode is dropped.
+
+    So an episode of one frame is left out; see `list_single_frames`.
+    """
     kept = np.ones(dataset.n_frames, bool)
     kept[dataset.starts + dataset.lengths - 1] = False
     if not kept.any():

@@ -15,7 +15,7 @@ from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.external import add_remedy
+from nas_data.dataset.external import add_remedy, is_ours
 from nas_data.dataset.features import NEXT_STATE, STATE, Feature
 from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.parquet import read_parquet
@@ -65,6 +65,12 @@ class VerifyInput:
             return audit_dataset(as_transitions(self.dataset)[0])
         except (DatasetInvalid, JointMismatch):
             return ()
+
+    @cached_property
+    def allowed(self) -> frozenset[str]:
+        """Checks that found something at the import: such an error was allowed, else nothing was imported."""
+        notes = self.provenance.notes if self.provenance and is_ours(self.provenance) else ""
+        return frozenset(line.partition(": ")[0] for line in notes.splitlines())
 
 
 def verify(root: Path) -> list[str]:
@@ -208,12 +214,12 @@ def _check_statistics(evidence: VerifyInput) -> Iterator[str]:
 
 def _report_audit_problems(evidence: VerifyInput) -> Iterator[str]:
     """Report errors of the audits (clock against rate, angles in degrees), and readings stored twice."""
-    return (_describe_finding(evidence, finding) for finding in evidence.findings if _is_problem(finding))
+    return (_describe_finding(evidence, finding) for finding in evidence.findings if _is_problem(evidence, finding))
 
 
 def _report_audit_notes(evidence: VerifyInput) -> Iterator[str]:
     """Note the other findings of the audits."""
-    return (_describe_finding(evidence, finding) for finding in evidence.findings if not _is_problem(finding))
+    return (_describe_finding(evidence, finding) for finding in evidence.findings if not _is_problem(evidence, finding))
 
 
 def _describe_finding(evidence: VerifyInput, finding: AuditFinding) -> str:
@@ -222,8 +228,8 @@ def _describe_finding(evidence: VerifyInput, finding: AuditFinding) -> str:
     return f"In {found.file} {found.message}"
 
 
-def _is_problem(finding: AuditFinding) -> bool:
-    return finding.error or finding.check == "repeated_time"
+def _is_problem(evidence: VerifyInput, finding: AuditFinding) -> bool:
+    return (finding.error and finding.check not in evidence.allowed) or finding.check == "repeated_time"
 
 
 def _find_discontinuities(evidence: VerifyInput) -> np.ndarray:

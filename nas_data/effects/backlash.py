@@ -55,7 +55,7 @@ class Backlash(Effect):
         assert self.joint is not None
         play = add_series_joint(spec, self.joint, "play")
         play.limited = mujoco.mjtLimited.mjLIMITED_TRUE
-        width = float(play.range[1]) + to_file_unit(spec, max(self.half_width, NARROWEST))
+        width = float(play.range[1]) + to_file_unit(spec, play, max(self.half_width, NARROWEST))
         play.range = [-width, width]
         if play.solref_limit[0] > 0:  # else the stops yield already
             # a stiffer stop overshoots between two physics steps

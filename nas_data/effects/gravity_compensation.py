@@ -1,23 +1,25 @@
 """Partial gravity compensation by the controller."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 
 from nas_data.effects.base import Effect, Parameter, Scales
+from nas_data.robots.base import list_arm_joints
 
 
 @dataclass(frozen=True, kw_only=True)
 class GravityCompensation(Effect):
-    """The controller adds torques that compensate a share of the gravity of all bodies."""
+    """The controller adds torques that compensate a share of the gravity of all links, with what they carry."""
 
     share: float
 
     parameters: ClassVar = (Parameter("share", "", 0.0, 1.0, 0.0),)
     whole_arm: ClassVar = True
     per_joint: ClassVar = False
+    edit_order: ClassVar = 1
     equation: ClassVar = "τ = share · g(q)"
     source: ClassVar = "Siciliano, Sciavicco, Villani and Oriolo, Robotics (2009), section 8.5; MuJoCo's gravcomp"
     signature: ClassVar = "All joints sag less than the model by the same share, at every posture and speed."
@@ -30,5 +32,13 @@ class GravityCompensation(Effect):
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Compensate this share of the gravity that the model does not compensate already."""
+        driven = set(list_arm_joints(spec))
         for body in spec.bodies:
-            body.gravcomp += self.share * (1.0 - body.gravcomp)
+            if is_moved(body, driven):
+                body.gravcomp += self.share * (1.0 - body.gravcomp)
+
+
+def is_moved(body: mujoco.MjsBody, joints: Collection[str]) -> bool:
+    """Whether one of the joints moves a body."""
+    own = any(joint.name in joints for joint in body.joints)
+    return own or (body.parent is not None and is_moved(body.parent, joints))

@@ -10,7 +10,7 @@ import numpy as np
 from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.errors import ModelFileError
 from nas_data.mjcf.unique_name import make_unique_name
-from nas_data.robots.base import find_deepest_joint, list_actuated_joints
+from nas_data.robots.base import find_deepest_joint, list_arm_joints
 
 NAME = "payload"
 TYPICAL_DISTANCE = 0.05  # [m] typical distance of a payload from the last link's centre of mass
@@ -19,7 +19,7 @@ RADIUS = 0.005  # [m] of the sphere, which gives the body the inertia that MuJoC
 
 @dataclass(frozen=True, kw_only=True)
 class Payload(Effect):
-    """A small sphere on the outermost servo's link, at `x`, `y`, `z` from its centre of mass in the link frame."""
+    """A small sphere on the measured arm's outermost link, at `x`, `y`, `z` from the centre of mass in its frame."""
 
     mass: float
     x: float = 0.0
@@ -53,12 +53,12 @@ class Payload(Effect):
 
 
 def find_last_centre(spec: mujoco.MjSpec) -> tuple[mujoco.MjsBody, np.ndarray]:
-    """Return the body of the outermost actuated joint, and the centre of mass of its subtree in its frame [m], (3,).
+    """Return the body of the outermost joint of the arm, and the centre of mass of its subtree in its frame [m], (3,).
 
     Raises:
         ModelFileError: the model has no actuated joint.
     """
-    joints = list_actuated_joints(spec)
+    joints = list_arm_joints(spec)
     if not joints:
         raise ModelFileError("payload needs a model with an actuated joint.")
     model = spec.compile()

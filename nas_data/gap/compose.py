@@ -78,7 +78,7 @@ def compose(
     return GapReport(
         dataset=dataset,
         model=model,
-        verdict=decide_verdict(before, after, len(naming.findings)),
+        verdict=decide_verdict(before, after, len(naming.findings), len(naming.final.effects)),
         effects=tuple(
             describe_finding(finding, held.nominal, outcome.contains(finding.effect)) for finding in naming.findings
         ),
@@ -154,10 +154,16 @@ def describe_joints(held: FitTask, naming: Naming, after: np.ndarray) -> Mapping
         joint: JointDescription(
             complete=compute_completeness(float(ratio), list_confidences(naming, joint)),
             ratio_to_noise=round(float(ratio), 2),
-            stable=naming.stable.get(joint, True),
+            stable=find_stability(naming, joint),
         )
         for joint, ratio in zip(held.evidence.joints, after, strict=True)
     }
+
+
+def find_stability(naming: Naming, joint: str) -> bool | None:
+    """Return whether two halves agree on a joint's parameters; None if there is only one recording, or window."""
+    is_named = any(finding.effect.joint == joint for finding in naming.findings)
+    return naming.stable.get(joint, None if is_named else True)
 
 
 def compute_completeness(ratio: float, confidences: Sequence[float]) -> float:
@@ -199,7 +205,11 @@ def measure_gap(held: FitTask, outcome: HeldOutResult, conditioning: float | Non
     models = {
         "before": outcome.before, "plain": outcome.plain, "after": outcome.after, "after_model_xml": outcome.written,
     }  # fmt: skip
-    squares = {name: held.evidence.mean_squares(predicted.positions).mean(0) for name, predicted in models.items()}
+    squares = {
+        name: held.evidence.mean_squares(predicted.positions).mean(0)
+        for name, predicted in models.items()
+        if predicted.is_finite
+    }
     squares = {"noise_floor": held.mean_floor**2, **squares}
 
     def pooled(places: np.ndarray) -> dict[str, float]:
@@ -277,12 +287,13 @@ def write_series(folder: Path, problem: Problem, naming: Naming, outcome: HeldOu
         "command": evidence.commands,
         "before": outcome.before.positions,
         "retuned": outcome.retuned.positions,
-        "plain": outcome.plain.positions,
         "after": outcome.after.positions,
         "counts": evidence.mask,
         "floor": held.mean_floor,
         "slides": np.array(held.nominal.slides, dtype=str),
     }
+    if outcome.plain.is_finite:
+        series["plain"] = outcome.plain.positions
     if naming.placebo is not None:
         predicted = held.predict(naming.placebo.fit.parameters, naming.placebo.fit.theta)
         if predicted is not None:

@@ -16,6 +16,7 @@ from nas_data.simulators.base import Simulator
 from nas_data.simulators.initial_states import InitialLoad
 
 DELAY_SECONDS = 0.5  # [s] of commands before a window that fill its delays
+CONSTANT_TOLERANCE = 1e-6  # [rad or N·m] within which a command is constant
 MIN_ROWS = 10  # fewest control steps of an episode
 WINDOW = 5.0  # [s] length of windows; errors of a position-controlled arm do not grow with time
 MAX_UNCUT = 1.5  # window lengths up to which an episode is not cut
@@ -203,6 +204,10 @@ class EpisodeBatch:
         counted = self.mask[..., None]
         means = np.mean(self.measured, axis=1, where=counted, keepdims=True)
         return np.asarray(np.sqrt(np.mean((self.measured - means) ** 2, axis=1, where=counted)))
+
+    def find_constant_commands(self) -> np.ndarray:
+        """Return a mask of the joints whose command is the same in all rows of all episodes, shape (n,)."""
+        return np.asarray(np.ptp(self.commands[self.mask], axis=0) <= CONSTANT_TOLERANCE)
 
     def errors(self, predicted: np.ndarray) -> np.ndarray:
         """Return predicted minus measured positions [rad; m], shape (E, T, n); 0 after an episode's end."""

@@ -9,11 +9,11 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import POSITION, Feature
 from nas_data.errors import DatasetInvalid, ModelFileError
 from nas_data.robots.base import find_robot
-from nas_data.simulators.register_kinds import GAIN as NUMERIC
+from nas_data.simulators.register_kinds import P_GAIN
 from nas_data.simulators.servo_registers import read_stated
 
 REGISTER = "nas.p_gain"  # column of a dataset: P register of the servos, one for all joints or one each
-GAIN = "nas.gain"  # column in memory: register over the model's value
+RELATIVE_GAIN = "nas.gain"  # column in memory: register over the model's value
 
 
 def with_relative_gains(dataset: Dataset, model: str | Path, name: str | Path) -> Dataset:
@@ -37,15 +37,15 @@ def with_relative_gains(dataset: Dataset, model: str | Path, name: str | Path) -
     check_registers(dataset, registers, name)
     n = len(dataset.joints)
     gains = np.broadcast_to(registers / own, (dataset.n_frames, n))
-    return dataset.with_column(GAIN, Feature(tuple(joint + POSITION for joint in dataset.joints)), gains)
+    return dataset.with_column(RELATIVE_GAIN, Feature(tuple(joint + POSITION for joint in dataset.joints)), gains)
 
 
 def read_relative_gains(dataset: Dataset) -> np.ndarray:
     """Return the gain of each joint and episode relative to the model's, shape (E, n); 1 if unknown."""
     gains = np.ones((dataset.n_episodes, len(dataset.joints)))
-    if GAIN in dataset.columns:
+    if RELATIVE_GAIN in dataset.columns:
         known = dataset.lengths > 0
-        gains[known] = dataset.columns[GAIN][dataset.starts[known]]
+        gains[known] = dataset.columns[RELATIVE_GAIN][dataset.starts[known]]
     return gains
 
 
@@ -57,7 +57,7 @@ def read_model_registers(model: str | Path, joints: Sequence[str]) -> np.ndarray
     """
     robot = find_robot(model)
     spec = robot.spec()
-    stated = [read_stated(spec, robot, NUMERIC, joint) for joint in joints]
+    stated = [read_stated(spec, robot, P_GAIN, joint) for joint in joints]
     return None if None in stated else np.array(stated, float)
 
 
@@ -68,7 +68,7 @@ def check_equal_gains(registers: np.ndarray, model: str | Path, name: str | Path
         known = ", ".join(f"{value:g}" for value in np.unique(values))
         raise ModelFileError(
             f"{name} was recorded at several position gains ({REGISTER}: {known}), and {model} does not give the one "
-            f'of its own gain: add <custom><numeric name="{NUMERIC}" data="…"/></custom> to the model.'
+            f'of its own gain: add <custom><numeric name="{P_GAIN}" data="…"/></custom> to the model.'
         )
 
 

@@ -58,7 +58,7 @@ class ModelCorrection:
         Raises:
             JointMismatch: the report is about another robot.
         """
-        self._check(robot, joints)
+        self.check(robot, joints)
         robot = self.registers.set_in(robot)
         if not self.retuned:
             return robot
@@ -66,7 +66,16 @@ class ModelCorrection:
         edit = robot.edit or (lambda _: None)  # an edit marks that the file alone is not the model
         return RetunedRobot(**kept, edit=edit, factors=self.retuned, measured=tuple(joints))
 
-    def _check(self, robot: Robot, joints: Sequence[str]) -> None:
+    def check(self, robot: Robot, joints: Sequence[str]) -> None:
+        """Refuse a report about another robot.
+
+        Args:
+            robot: Robot of the source.
+            joints: Measured joints, which define the masses.
+
+        Raises:
+            JointMismatch: names a joint or parameter that the robot lacks.
+        """
         spec = robot.spec()
         known = {joint.name for joint in spec.joints}
         base = {parameter.name for parameter in list_base_parameters(bake_inertia(spec), joints)}

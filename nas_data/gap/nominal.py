@@ -15,8 +15,9 @@ from nas_data.gap.integrator import FINE_TIMESTEP, find_whole_step, make_implici
 from nas_data.gap.nominal_parameters import NominalParameter, list_base_parameters, scale_base_parameters
 from nas_data.gap.side_by_side import is_sharing_cores
 from nas_data.mjcf.bake_inertia import bake_inertia
+from nas_data.mjcf.measured_joints import mark_measured_joints
 from nas_data.mjcf.strip_meshes import count_colliding_geoms, needs_files, strip_meshes
-from nas_data.robots.base import Robot, find_robot, list_slide_joints
+from nas_data.robots.base import Robot, find_robot, list_actuated_joints, list_slide_joints
 from nas_data.simulators.initial_states import START_SECONDS, InitialLoad, choose_initial_loads
 from nas_data.simulators.lock_joints import lock_unmeasured_joints
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -81,6 +82,7 @@ class Nominal:
         MujocoSimulator(robot, evidence.period, evidence.joints)  # raises for a model that cannot be used
         spec = bake_inertia(robot.spec())
         fix_derived_values(spec)
+        mark_measured_joints(spec, evidence.joints, list_actuated_joints(spec))
         spec.option.timestep = find_whole_step(evidence.period, spec.option.timestep)
         bases = [f"The base '{base}' has a free joint; it is fixed at its pose in the model." for base in robot.bases]
         notes = (*bases, *adapt_model(spec, evidence.joints, evidence.period))
@@ -175,12 +177,6 @@ class Nominal:
         rolled = [self.predict(early.with_initial_loads(load), effects, factors) for load in InitialLoad]
         squares = np.stack([early.mean_squares(predicted) for predicted in rolled])
         return evidence.with_initial_loads(choose_initial_loads(squares, evidence.noise))
-
-    def predict_from_inferred_start(
-        self, evidence: EpisodeBatch, effects: Sequence[Effect] = (), factors: Mapping[str, float] | None = None
-    ) -> np.ndarray:
-        """Return `predict` with the initial loads of `infer_initial_loads`, as `nas evaluate` does."""
-        return self.predict(self.infer_initial_loads(evidence, effects, factors), effects, factors)
 
     def group_by_gain(self, evidence: EpisodeBatch) -> Iterator[tuple["Nominal", np.ndarray]]:
         """Yield the model at each position gain of a recording, with the indices of its episodes."""

@@ -1,12 +1,16 @@
 """Output folder of a gap report, which may only replace an earlier report."""
 
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from nas_data.errors import OutputExists
 
 FILES = ("report.json", "report.html", "effects.json", "model.xml", "model.diff", "series.npz", "next_experiment.csv")
-FOLDERS = ("figures", "phi")
+PHI = "phi"  # checkpoint on top of the names
+FOLDERS = ("figures", PHI)
+UNFINISHED = ".unfinished"  # folder of a report that is being written
 ASSETS = "assets"  # files that `model.xml` needs; the folder may hold others
 MARKS = ("report.json", "effects.json")  # one of them exists from the start of a report
 
@@ -44,6 +48,28 @@ def check_model(folder: Path, model: str | Path) -> None:
     """
     if Path(model).is_file() and Path(model).resolve() == (folder / "model.xml").resolve():
         raise OutputExists(f"{model} would be overwritten by the model with the effects; choose another --out.")
+
+
+@contextmanager
+def stage_report(folder: Path) -> Iterator[Path]:
+    """Yield a folder whose files replace an earlier report in the end, which an interrupted run thus keeps.
+
+    The φ of an earlier report stays if there is no new one.
+    """
+    place = folder / UNFINISHED
+    shutil.rmtree(place, ignore_errors=True)  # of a killed run
+    place.mkdir(parents=True)
+    try:
+        yield place
+        clear_report(folder)
+        if (place / PHI).is_dir():
+            shutil.rmtree(folder / PHI, ignore_errors=True)
+        for path in [path for path in place.rglob("*") if path.is_file()]:
+            target = folder / path.relative_to(place)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            path.replace(target)
+    finally:
+        shutil.rmtree(place, ignore_errors=True)
 
 
 def clear_report(folder: Path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.dataset.dataset import Dataset
+from nas_data.gap.output_folder import PHI
 from nas_data.gap.report_parts import LearnedCorrection
 from nas_data.joint_units import SHARE, JointUnit, group_by_kind
 from nas_data.metrics import Errors
@@ -21,8 +22,6 @@ from nas_data.pairing import pair
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.engines import load_simulator
 from nas_data.sources import collect_source_files
-
-PHI = "phi"  # folder of the checkpoint within that of the report
 
 
 def learn_correction(

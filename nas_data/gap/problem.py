@@ -28,8 +28,8 @@ from nas_data.gap.usual_error import UsualError
 from nas_data.log import warn
 from nas_data.pairing import check_fits, warn_of_ranges
 from nas_data.robots.base import TORQUES
-from nas_data.simulators.register_kinds import GAIN
-from nas_data.simulators.servo_registers import ServoRegisters
+from nas_data.simulators.register_kinds import P_GAIN
+from nas_data.simulators.servo_registers import NO_REGISTERS, ServoRegisters
 
 TRAIN_STEPS = 120_000  # most physics steps of one rollout of all training episodes, about 0.5 s
 HELD_STEPS = 60_000  # the same for the held-out episodes
@@ -66,13 +66,20 @@ class Problem:
     contrast: Contrast | None = None
 
     @classmethod
-    def load(cls, dataset: str | Path, model: str | Path, baseline: str | Path | None = None) -> "Problem":
+    def load(
+        cls,
+        dataset: str | Path,
+        model: str | Path,
+        baseline: str | Path | None = None,
+        registers: ServoRegisters = NO_REGISTERS,
+    ) -> "Problem":
         """Read both files.
 
         Args:
             dataset: Folder of the recording.
             model: Robot's name or model file.
             baseline: Folder of a recording that `model` describes; see `compare_with`.
+            registers: Servo registers of a recording that stores none.
 
         Raises:
             NasError: one of them cannot be used; the message names it.
@@ -80,7 +87,7 @@ class Problem:
         root = resolve(Path(dataset))
         recorded, _, noticed = audit_external(root, read(root))
         warn(noticed)
-        problem = cls.of(recorded, model, root)
+        problem = cls.of(recorded, model, root, registers)
         if baseline is None:
             return problem
         with name_baseline(baseline):
@@ -88,13 +95,16 @@ class Problem:
         return problem.compare_with(before)
 
     @classmethod
-    def of(cls, recorded: Dataset, model: str | Path, root: Path | None) -> "Problem":
+    def of(
+        cls, recorded: Dataset, model: str | Path, root: Path | None, registers: ServoRegisters = NO_REGISTERS
+    ) -> "Problem":
         """Prepare transitions and a model.
 
         Args:
             recorded: Transitions with 2n-states.
             model: Robot's name or model file.
             root: Folder of the dataset, for names and errors; None if it is only in memory.
+            registers: Servo registers of a recording that stores none.
 
         Raises:
             NasError: one of the two cannot be used; the message names it.
@@ -113,7 +123,8 @@ class Problem:
                 f"{root or 'The dataset'} has {count_of(len(evidence), 'episode')}; at least two are needed, one to "
                 f"fit and one to test: record more, or {cut}."
             )
-        as_given = Nominal.load(model, evidence, read_registers(transitions, root))
+        own = read_registers(transitions, root)
+        as_given = Nominal.load(model, evidence, own if own.values or own.changing else registers)
         check_fits(transitions, as_given.simulator())
         overlaps = find_overlaps(as_given, kept)
         nominal = exclude_contacts(as_given, overlaps)
@@ -177,7 +188,7 @@ def read_registers(dataset: Dataset, root: Path | None) -> ServoRegisters:
     """Return the servos' registers of a recording; position gains that its frames hold are left to `gains`."""
     provenance = dataset.origin.provenance if dataset.origin else read_provenance(root) if root else None
     registers = ServoRegisters.read(provenance, dataset.joints)
-    return registers.without(GAIN) if REGISTER in dataset.columns else registers
+    return registers.without(P_GAIN) if REGISTER in dataset.columns else registers
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from nas_data.atomic_file import write_atomic
 from nas_data.errors import OptionError, UnknownName
-from nas_data.gap.output_folder import ASSETS, FILES, FOLDERS, check_free, clear_report
+from nas_data.gap.output_folder import ASSETS, FILES, FOLDERS, PHI, check_free, clear_report
 from nas_data.gap.report_effects import OPTIONAL, NamedEffect, Placebo
 from nas_data.gap.report_parts import (
     ArmGap,
@@ -138,8 +138,13 @@ class GapReport:
     def with_files(self, folder: Path) -> "GapReport":
         """Return the report with the files of its folder."""
         paths = [folder / name for name in FILES if name != REPORT and (folder / name).is_file()]
+        is_own = self.phi is not None and self.phi.helps  # else the φ there is of an earlier report
         paths += [
-            path for name in (*FOLDERS, ASSETS) for path in list_visible_files(folder / name, "**/*") if path.is_file()
+            path
+            for name in (*FOLDERS, ASSETS)
+            if name != PHI or is_own
+            for path in list_visible_files(folder / name, "**/*")
+            if path.is_file()
         ]
         return replace(self, files={path.relative_to(folder).as_posix(): path.read_bytes() for path in paths})
 

@@ -37,12 +37,12 @@ class JointDescription:
     Attributes:
         complete: Confidence that no effect is missing.
         ratio_to_noise: Held-out error over the noise floor.
-        stable: Whether two halves of the recording agree on its parameters.
+        stable: Whether two halves of the recording agree on its parameters; None if it cannot be divided.
     """
 
     complete: float
     ratio_to_noise: float
-    stable: bool
+    stable: bool | None
 
 
 @dataclass(frozen=True, kw_only=True)

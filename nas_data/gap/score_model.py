@@ -8,6 +8,7 @@ import numpy as np
 
 from nas_data.effects.base import Effect, Scales
 from nas_data.errors import ModelFileError
+from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal, with_timestep
 from nas_data.gap.problem import Problem
 from nas_data.gap.report_parts import LearnedCorrection
@@ -38,6 +39,16 @@ class Prediction:
 
     positions: np.ndarray
     squares: np.ndarray
+
+    @classmethod
+    def diverged(cls, evidence: EpisodeBatch) -> "Prediction":
+        """Return the prediction of a model that diverges: no positions, infinite errors."""
+        return cls(np.full(evidence.measured.shape, np.nan), np.full(evidence.initial_positions.shape, np.inf))
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether the model does not diverge."""
+        return bool(np.isfinite(self.squares).all())
 
 
 @dataclass(frozen=True)
@@ -113,14 +124,18 @@ def lengthen_timestep(problem: Problem, final: FinalFit, named: Nominal) -> Nomi
     longest = float(own.spec.option.timestep)
 
     def measure_error(nominal: Nominal) -> np.ndarray:
-        evidence = nominal.infer_initial_loads(task.evidence, final.effects, dict(final.factors))
-        predicted = nominal.predict(evidence, final.effects, dict(final.factors))
+        try:
+            evidence = nominal.infer_initial_loads(task.evidence, final.effects, dict(final.factors))
+            predicted = nominal.predict(evidence, final.effects, dict(final.factors))
+        except ModelFileError:  # it diverges
+            return np.full(len(own.joints), np.inf)
         return np.sqrt((task.floors**2 + evidence.mean_squares(predicted)).mean(0))
 
     candidates = [step for step in (longest, longest / 2) if step > float(named.spec.option.timestep)]
     reached = measure_error(named) if candidates else np.inf
     for nominal in (with_timestep(own, step) for step in candidates):
-        if (measure_error(nominal) <= LONGER_STEP_RATIO * reached).all():
+        error = measure_error(nominal)
+        if np.isfinite(error).all() and (error <= LONGER_STEP_RATIO * reached).all():
             return nominal
     return named
 
@@ -136,13 +151,16 @@ def predict_episodes(
 ) -> Prediction:
     """Return the prediction of held-out episodes by a model with effects and factors of its parameters, by name."""
     numbers = dict(factors or {})
-    evidence = nominal.infer_initial_loads(held.evidence, effects, numbers)
-    positions = nominal.predict(evidence, effects, numbers)
-    if not evidence.begins_in_motion:
-        return Prediction(positions, evidence.mean_squares(positions))
-    task = replace(held, nominal=nominal, evidence=evidence, coarse_model=None, correction=0.0)
-    moved = task.estimate_initial_states(effects, numbers).evidence
-    return Prediction(positions, moved.mean_squares(nominal.predict(moved, effects, numbers)))
+    try:
+        evidence = nominal.infer_initial_loads(held.evidence, effects, numbers)
+        positions = nominal.predict(evidence, effects, numbers)
+        if not evidence.begins_in_motion:
+            return Prediction(positions, evidence.mean_squares(positions))
+        task = replace(held, nominal=nominal, evidence=evidence, coarse_model=None, correction=0.0)
+        moved = task.estimate_initial_states(effects, numbers).evidence
+        return Prediction(positions, moved.mean_squares(nominal.predict(moved, effects, numbers)))
+    except ModelFileError:
+        return Prediction.diverged(held.evidence)
 
 
 def write_nearest(problem: Problem, final: FinalFit, folder: Path, named: Nominal) -> bool:

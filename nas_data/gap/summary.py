@@ -90,7 +90,7 @@ def describe_verdict(report: GapReport) -> str:
     """Return the verdict as a sentence."""
     if report.verdict == "retuned" and any(entry.is_large for entry in report.retuned):
         return RETUNED_FAR
-    if report.verdict == "unexplained" and report.experiments:
+    if report.verdict == "unexplained" and (report.experiments or not report.unexplained):
         return UNDECIDED
     return VERDICTS.get(report.verdict, f"Verdict: {report.verdict}.")
 
@@ -137,8 +137,10 @@ def describe_effect(effect: NamedEffect) -> str:
 
 def describe_parameter(name: str, parameter: FittedParameter) -> str:
     """Return a parameter with its interval."""
-    low, high = parameter.interval95 or (parameter.value, parameter.value)
-    text = f"{name} {parameter.value:.4g} {parameter.unit} [{low:.4g}, {high:.4g}]".replace("  ", " ")
+    text = f"{name} {parameter.value:.4g} {parameter.unit}".rstrip()
+    if parameter.interval95:
+        low, high = parameter.interval95
+        text += f" [{low:.4g}, {high:.4g}]"
     if parameter.episode_range:
         least, most = parameter.episode_range
         text += f", from {least:.3g} to {most:.3g} in single episodes"

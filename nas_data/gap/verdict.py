@@ -10,19 +10,20 @@ NO_GAP = 1.25  # noise floors up to which the given model has no gap
 EXPLAINED_VERDICTS = ("explained", "retuned")  # verdicts of models at the noise floor
 
 
-def decide_verdict(before: np.ndarray, after: np.ndarray, effects: int) -> str:
+def decide_verdict(before: np.ndarray, after: np.ndarray, named: int, added: int = 0) -> str:
     """Return the verdict.
 
     Args:
         before: Held-out error of the given model over the floor, shape (n,).
         after: The same with effects and retuned base parameters, shape (n,).
-        effects: Number of named effects.
+        named: Number of named effects.
+        added: Number of effects in the model, which a plain fit has without naming them.
     """
-    if effects:
+    if named:
         return "explained" if after.max() <= EXPLAINED else "partly_explained"
     if before.max() <= NO_GAP:
         return "none"
-    return "retuned" if after.max() <= EXPLAINED else "unexplained"
+    return "retuned" if after.max() <= EXPLAINED and not added else "unexplained"
 
 
 def find_above(after: np.ndarray, limit: float) -> Sequence[int]:

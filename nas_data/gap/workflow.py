@@ -18,7 +18,7 @@ from nas_data.gap.experiments.experiment import Explanation, choose_next_experim
 from nas_data.gap.finding.find import find
 from nas_data.gap.name import Naming, name
 from nas_data.gap.nominal_parameters import FIRM
-from nas_data.gap.output_folder import check_output_folder, clear_report
+from nas_data.gap.output_folder import check_output_folder, stage_report
 from nas_data.gap.problem import Problem
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_parts import GapFindings, LearnedCorrection, MadeFrom
@@ -112,20 +112,19 @@ def name_and_report(
         say("; ".join(found.undecidable))
     say("name: which effect is missing")
     named = name(problem.train, problem.held, say, problem.contrast)
-    folder.mkdir(parents=True, exist_ok=True)
-    clear_report(folder)  # late, so that an interrupted run keeps the earlier report
     say("add: write the model with the effects")
-    naming, outcome = deliver(problem, named, folder, say)
-    if learn:
-        say("learn: φ on the remaining gap")
-        outcome = replace(outcome, learned=train_on_top(problem, outcome.model, learn, say))
-    is_open = bool(naming.findings or named.candidates)
-    experiment = propose_experiment(problem, named, folder, say) if propose and is_open else Proposal()
-    report = compose(problem, found, naming, outcome, experiment, time.monotonic() - began)
-    report = replace(report, made_from=record_origin(problem, folder, learn))
-    write_difference(folder, problem.without_registers, problem.names[1])
-    report.write(folder)
-    write_series(folder, problem, naming, outcome)
+    with stage_report(folder) as staged:
+        naming, outcome = deliver(problem, named, staged, say)
+        if learn:
+            say("learn: φ on the remaining gap")
+            outcome = replace(outcome, learned=train_on_top(problem, outcome.model, learn, say))
+        is_open = bool(naming.findings or named.candidates)
+        experiment = propose_experiment(problem, named, staged, say) if propose and is_open else Proposal()
+        report = compose(problem, found, naming, outcome, experiment, time.monotonic() - began)
+        report = replace(report, made_from=record_origin(problem, folder, learn))
+        write_difference(staged, problem.without_registers, problem.names[1])
+        report.write(staged)
+        write_series(staged, problem, naming, outcome)
     say("show: write the report")
     show(folder)
     return report.with_files(folder)
@@ -180,8 +179,8 @@ def propose_experiment(problem: Problem, naming: Naming, folder: Path, say: Repo
         return Proposal(f"none could be computed: {error}")
     write_experiment(experiment, folder / EXPERIMENT)
     compared = tuple(row.describe() for row in experiment.table)
-    commands = f" (commands in {EXPERIMENT})" if experiment.decides else f" (commands of varied motion in {EXPERIMENT})"
-    return Proposal(experiment.text + commands, compared)
+    what = "commands" if experiment.decides else "commands of varied motion"
+    return Proposal(f"{experiment.text} ({what} in {EXPERIMENT}, at {1 / experiment.period:.6g} Hz)", compared)
 
 
 def list_survivors(naming: Naming) -> tuple[Explanation, list[Explanation]]:

@@ -11,6 +11,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from nas_data.atomic_file import write_atomic
 from nas_data.dataset.features import POSITION
 from nas_data.effects.base import Effect, add_effects
 from nas_data.errors import OptionError
@@ -70,7 +71,7 @@ def write_difference(folder: Path, nominal: Nominal, given: str) -> Path:
         write_portable(spec, nominal.robot.mjcf, Path(place, MODEL))
         before, after = (read_rounded_lines(parent / MODEL) for parent in (Path(place), folder))
     path = folder / DIFFERENCE
-    path.write_text("".join(difflib.unified_diff(before, after, given, MODEL)), encoding="utf-8")
+    write_atomic(path, "".join(difflib.unified_diff(before, after, given, MODEL)).encode())
     return path
 
 
@@ -103,7 +104,7 @@ def write_effects(
     if nominal and nominal.registers.values:
         content["registers"] = nominal.registers.values
     path = folder / EFFECTS
-    path.write_text(json.dumps(content, indent=1), encoding="utf-8")
+    write_atomic(path, json.dumps(content, indent=1).encode())
     return path
 
 

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.dataset.joints import MIN_READINGS, is_on_grid, list_degree_steps
 from nas_data.errors import LogError, OptionError
 from nas_data.importing.conversion import NORMALISED
 from nas_data.importing.map import LogQuantity, Map, ServoTicks
@@ -25,8 +26,6 @@ from nas_data.importing.map import LogQuantity, Map, ServoTicks
 UNITS = ("deg", "range", "rad")
 RANGE = "range"  # unit −100 … 100
 LARGEST = 100.0  # bound of that unit
-MIN_READINGS = 8  # distinct readings needed to find their step
-GRID_TOLERANCE = 0.03  # [ticks] tolerance of the grid; float32 resolves a thousandth of a tick
 CLIPPED = 3  # readings exactly at a value that make it an end of the range
 WHERE = "LeRobot keeps it in ~/.cache/huggingface/lerobot/calibration/robots/ROBOT/ID.json"
 
@@ -122,11 +121,10 @@ def choose_unit(mapping: Map, raw: np.ndarray, motors: Sequence[Motor]) -> tuple
         return "deg", "the map says"
     if np.abs(raw[:, body]).max(initial=0.0) > LARGEST + 1e-3:
         return "deg", "readings go beyond 100"
-    steps = (360 / (servo.resolution - 1), 360 / servo.resolution)
-    grids = [[_is_on_grid(raw[:, index], step) for index in body] for step in steps]
+    grids = [[is_on_grid(raw[:, index], step) for index in body] for step in list_degree_steps(servo.resolution)]
     degrees = next((grid for grid in grids if _is_consistent_fit(grid)), grids[0])
     if motors:
-        ranges = [_is_on_grid(raw[:, index], 200 / (motors[index].high - motors[index].low)) for index in body]
+        ranges = [is_on_grid(raw[:, index], 200 / (motors[index].high - motors[index].low)) for index in body]
         if _is_consistent_fit(degrees) and not _is_consistent_fit(ranges):
             return "deg", "readings are the servo's ticks in degrees"
         if _is_consistent_fit(ranges):
@@ -146,6 +144,8 @@ def choose_unit(mapping: Map, raw: np.ndarray, motors: Sequence[Motor]) -> tuple
 
 def with_raw_unit(mapping: Map, unit: str, motors: Sequence[Motor]) -> Map:
     """Return a map that reads another unit instead of degrees, and reverses 0 … 100 of reversed motors.
+
+    In a dataset of radians the normalised joints are radians as well.
 
     Raises:
         OptionError: the unit is −100 … 100, and there is no calibration.
@@ -172,6 +172,8 @@ def _convert_line(
     """Return gain, bias and raw unit of one joint in another unit."""
     gain, bias, held = line
     turned = motor is not None and motor.turned and servo.drive_mode
+    if held == NORMALISED and unit == "rad":
+        return 1.0, 0.0, unit
     if held == NORMALISED and turned:  # 100 − x has the direction of the servo
         return -gain, bias + LARGEST * gain, held
     if held != "deg" or unit == "deg":
@@ -181,15 +183,6 @@ def _convert_line(
     assert motor is not None
     factor = (motor.high - motor.low) / 200 * 360 / (servo.resolution - 1)
     return gain * factor * (-1 if turned else 1), bias, RANGE
-
-
-def _is_on_grid(values: np.ndarray, step: float) -> bool | None:
-    """Return whether readings are multiples of a step apart; None if too few differ."""
-    different = np.unique(values)
-    if len(different) < MIN_READINGS:
-        return None
-    counts = (different - different[0]) / step
-    return bool((np.abs(counts - np.round(counts)) < GRID_TOLERANCE).all())
 
 
 def _has_step(values: np.ndarray) -> bool:

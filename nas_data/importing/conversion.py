@@ -44,12 +44,14 @@ class Conversion:
         bias: SI value of raw zero.
         units: Unit of the raw values of each component.
         kinds: Quantity of each component.
+        spans: Raw width of the range of each normalised component; 0 for other units.
     """
 
     gain: tuple[float, ...]
     bias: tuple[float, ...]
     units: tuple[str, ...]
     kinds: tuple[Kind, ...]
+    spans: tuple[float, ...]
 
     def apply(self, raw: np.ndarray) -> np.ndarray:
         """Convert raw values of shape (N, n) to SI."""
@@ -81,8 +83,7 @@ def parse_conversion(section: MapSection, kind: Kind, joints: Sequence[str]) -> 
         lines.append(_parse_line(one, kind))
         one.finish()
     overrides.finish()
-    gain, bias, units, kinds = zip(*lines, strict=True)
-    return Conversion(gain, bias, units, kinds)
+    return Conversion(*zip(*lines, strict=True))
 
 
 def _read_joint_values(section: MapSection, index: int, count: int) -> dict[str, object]:
@@ -103,8 +104,8 @@ def _read_joint_values(section: MapSection, index: int, count: int) -> dict[str,
     return values
 
 
-def _parse_line(section: MapSection, kind: Kind) -> tuple[float, float, str, Kind]:
-    """Return gain, bias, raw unit and kind of one component."""
+def _parse_line(section: MapSection, kind: Kind) -> tuple[float, float, str, Kind, float]:
+    """Return gain, bias, raw unit, kind and raw width of the range of one component."""
     unit = section.text("unit", choices=_list_units(kind))
     if kind == "command":
         kind = _parse_kind(section, unit)
@@ -113,10 +114,10 @@ def _parse_line(section: MapSection, kind: Kind) -> tuple[float, float, str, Kin
         raise section.error(f"'sign' is {sign:g}; it must be 1 or -1.", "sign")
     offset = section.number("offset", 0.0) if kind == "position" else 0.0
     if unit == NORMALISED:
-        gain, bias = _read_range(section, kind)
+        gain, bias, span = _read_range(section, kind)
     else:
-        gain, bias = _read_scale(section, FACTORS[kind].get(unit, 1.0), unit, kind)
-    return sign * gain, sign * bias + offset, unit, kind
+        (gain, bias), span = _read_scale(section, FACTORS[kind].get(unit, 1.0), unit, kind), 0.0
+    return sign * gain, sign * bias + offset, unit, kind, span
 
 
 def _list_units(kind: Kind) -> tuple[str, ...]:
@@ -143,15 +144,15 @@ def _read_scale(section: MapSection, factor: float, unit: str, kind: Kind) -> tu
     return factor * scale, -factor * scale * zero
 
 
-def _read_range(section: MapSection, kind: Kind) -> tuple[float, float]:
-    """Read `range` (raw values at the ends) and `low`, `high` (values at the ends [rad; m])."""
+def _read_range(section: MapSection, kind: Kind) -> tuple[float, float, float]:
+    """Read `range` (raw values at the ends) and `low`, `high` (values at the ends [rad; m]): gain, bias, raw width."""
     first, last = section.numbers("range", 2)
     low, high = section.number("low"), section.number("high")
     if first == last or low == high:
         ends = f"'range' is {first:g} … {last:g} and low, high are {low:g}, {high:g}"
         raise section.error(f"{ends}; ends must differ.", "low" if low == high else "range")
     gain = (high - low) / (last - first)
-    return gain, (low - gain * first if kind == "position" else 0.0)
+    return gain, (low - gain * first if kind == "position" else 0.0), abs(last - first)
 
 
 def check_encoding(section: MapSection) -> str:

@@ -4,13 +4,24 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.dataset.audits.base import AuditFinding
 from nas_data.errors import LogError
 from nas_data.importing.map import Map
 from nas_data.importing.table import LogTable
 
+UNMATCHED_REFUSED = 0.1  # share of a log without a match at its ends above which it is refused
 
-def join_table(time: np.ndarray, given: np.ndarray, table: LogTable, mapping: Map, method: str) -> np.ndarray:
-    """Return for each row of the log the matching row of a table, whose times must ascend."""
+
+def join_table(time: np.ndarray, given: np.ndarray, table: LogTable, mapping: Map, key: str) -> np.ndarray:
+    """Return for each row of the log the matching row of a table, whose times must ascend.
+
+    Args:
+        time: Times of the rows with positions [s], shape (N,).
+        given: Times of the table [s], shape (M,).
+        table: The table.
+        mapping: The map.
+        key: Name of the table in the map.
+    """
     if not len(given):
         raise LogError(f"{table.path} holds no rows; give a log with recorded rows.")
     bad = np.flatnonzero(~(np.diff(given) >= 0)) + 1
@@ -18,27 +29,38 @@ def join_table(time: np.ndarray, given: np.ndarray, table: LogTable, mapping: Ma
         raise LogError(
             f"{table.path}: the time decreases or is not a number in {table.name_rows(bad)}; sort or repair the file."
         )
-    return match_rows(time, given, method, mapping.layout.tolerance)
+    # Positions of further joints belong to the same moment, whatever the join of the commands.
+    method = "nearest" if key in mapping.position.source.tables else mapping.layout.join
+    commanded = any(part.table == key for part in mapping.command.source.parts)
+    ahead = _measure_period(time) / 2 if commanded and mapping.alignment == "action_follows_state" else 0.0
+    return match_rows(time, given, method, mapping.layout.tolerance, ahead)
 
 
-def choose_join(mapping: Map, table: str) -> str:
-    """Return the join method of a table: nearest for positions of other joints, else the map's."""
-    return "nearest" if table in mapping.position.source.tables else mapping.layout.join
+def _measure_period(time: np.ndarray) -> float:
+    """Return the typical step of the time [s]; 0 if it never increases."""
+    steps = np.diff(time)
+    return float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
 
 
-def match_rows(wanted: np.ndarray, given: np.ndarray, method: str, tolerance: float) -> np.ndarray:
+def match_rows(wanted: np.ndarray, given: np.ndarray, method: str, tolerance: float, ahead: float = 0.0) -> np.ndarray:
     """Find the row of another table for each wanted time.
+
+    A controller reads a state and sends its command some milliseconds later. This command acts in the step after the
+    state, so it belongs to its row. Where a command acts after its state, the last one before the middle of the step
+    is therefore taken, as in resampling: `ahead` is half a step.
 
     Args:
         wanted: Times [s], shape (N,).
         given: Times of the other table in ascending order [s], shape (M,).
         method: `nearest` row, or the `previous` one (the last at or before the wanted time).
         tolerance: Largest difference [s].
+        ahead: Time by which the previous row may be later than the wanted time [s].
 
     Returns:
         Rows of the other table, shape (N,); -1 if none is within the tolerance.
     """
-    before = np.searchsorted(given, wanted, side="right") - 1
+    latest = wanted + (ahead if method == "previous" else 0.0)
+    before = np.searchsorted(given, latest, side="right") - 1
     rows = np.clip(before, 0, len(given) - 1)
     if method == "nearest":
         after = np.clip(before + 1, 0, len(given) - 1)
@@ -77,3 +99,37 @@ def find_common_rows(matches: dict[Path, np.ndarray], log: Path, table: LogTable
             "raise the tolerance of [join], or join with the previous row."
         )
     return whole
+
+
+def report_ends(
+    matches: dict[Path, np.ndarray], common: slice, log: Path, table: LogTable, time: np.ndarray, tolerance: float
+) -> list[AuditFinding]:
+    """Return findings on the rows at both ends that are left out; errors if these are much of the log.
+
+    Args:
+        matches: For each other file, its matching row for each row of the log, -1 for none.
+        common: The rows that are kept.
+        log: The log.
+        table: The table with the positions.
+        time: Its times [s], shape (N,).
+        tolerance: Largest difference of joined times [s].
+    """
+    last = len(time) - 1
+    ends = {
+        "first": (np.arange(common.start), time[common.start] - time[0]),
+        "last": (np.arange(common.stop, last + 1), time[last] - time[common.stop - 1]),
+    }
+    refused = len(time) - (common.stop - common.start) > UNMATCHED_REFUSED * len(time)
+    found = []
+    for end, (rows, seconds) in ends.items():
+        if not rows.size:
+            continue
+        names = ", ".join(path.name for path, matching in matches.items() if (matching[rows] < 0).any())
+        what = (
+            f"the {end} {seconds:.3g} s, {table.name_rows(rows)}, have nothing in {names} within {tolerance:g} s and "
+            "are left out"
+        )
+        remedy = "raise the tolerance of [join], or add allow = ['unmatched_ends'] to [audit]" if refused else ""
+        numbers = rows if table.rows is None else table.rows[rows]
+        found.append(AuditFinding("unmatched_ends", str(log), what, remedy, tuple(numbers.tolist()), error=refused))
+    return found

@@ -18,7 +18,8 @@ class LogLayout:
         format: File format, a file of `importing/formats/`.
         pattern: File name pattern of the logs in a folder.
         files: File name of each table if a log is a folder of several files; empty if a log is one file.
-        join: How rows of several tables are joined on time: with the nearest row, or with the previous one.
+        join: How rows of several tables are joined on time: with the nearest row, or with the previous one. Commands
+            that act after their state may be up to half a step later than it.
         tolerance: Largest difference of two joined times [s].
         topics: Topic of each table if a log is a bag of messages; else empty.
         entries: JSON key that holds a list of rows; empty if a file holds one list per column.

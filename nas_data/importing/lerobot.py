@@ -1,5 +1,6 @@
 """Import of LeRobot datasets: by a map, or unchanged if they are in SI units."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,21 +12,23 @@ from nas_data.dataset.audits.base import AuditFinding, Remedies
 from nas_data.dataset.cutting import cut_at, find_gaps
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.descriptions import describe_left_out
-from nas_data.dataset.external import import_command, is_ours, refuse
+from nas_data.dataset.external import import_command, is_ours, refuse, refuse_unknown_unit, report_single_frames
 from nas_data.dataset.features import TIME
 from nas_data.dataset.info import DatasetInfo
-from nas_data.dataset.joints import REMEDY, Components
+from nas_data.dataset.joints import REMEDY, Components, is_gripper
 from nas_data.dataset.passthrough import VIDEO_LEFT_OUT
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read, read_stamps, with_clock
+from nas_data.dataset.recording import Recording
 from nas_data.dataset.rows import format_rows
 from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import make_parent, resolve
 from nas_data.errors import DatasetInvalid, LogError, OptionError
 from nas_data.importing.calibration import UNITS, choose_unit, match_motors, read_calibration, with_raw_unit
+from nas_data.importing.conversion import NORMALISED
 from nas_data.importing.formats import find_folder_kind, is_folder_log
 from nas_data.importing.map import Map, TimeColumn
-from nas_data.importing.reading import read_log
+from nas_data.importing.reading import read_log, refuse_nothing
 
 TIMING = {
     "rate": "use --rate {rate} if the time stamps are right, or --uniform if the dataset's fps is right",
@@ -115,10 +118,23 @@ def complete_map(mapping: Map, paths: Sequence[Path], options: ImportOptions) ->
         return with_raw_unit(mapping, "deg", motors), ()
     unit, why = options.unit, "as given by --unit"
     if unit is None:
-        raw = [mapping.position.conversion.raw(part.positions) for path in paths for part in read_log(path, mapping)]
+        recordings, findings = _read_logs(paths, mapping)
+        refuse_nothing(recordings, findings)
+        raw = [mapping.position.conversion.raw(part.positions) for part in recordings]
         unit, why = choose_unit(mapping, np.concatenate(raw), motors)
     words = {"deg": "degrees", "range": "−100 … 100", "rad": "radians"}[unit]
-    return with_raw_unit(mapping, unit, motors), (f"Read as {words} ({why}).",)
+    completed = with_raw_unit(mapping, unit, motors)
+    notes = [f"Read as {words} ({why})."]
+    units = zip(completed.joints, completed.position.conversion.units, strict=True)
+    if shares := [joint for joint, held in units if held == NORMALISED]:
+        notes.append(f"Read as a share of the joint's range, 0 … 100 in LeRobot: {', '.join(shares)}.")
+    return completed, tuple(notes)
+
+
+def _read_logs(paths: Sequence[Path], mapping: Map) -> tuple[list[Recording], list[AuditFinding]]:
+    """Read several datasets as one."""
+    read_each = [read_log(path, mapping) for path in paths]
+    return [part for parts, _ in read_each for part in parts], [one for _, found in read_each for one in found]
 
 
 def map_text(path: Path, unit: str | None, model: str | None) -> str:
@@ -134,20 +150,24 @@ def map_text(path: Path, unit: str | None, model: str | None) -> str:
     root = resolve(path)
     dataset = read(root)
     joints = tuple(Components.of("observation.state", dataset.features["observation.state"]).positions)
-    grippers = [joint for joint in joints if "gripper" in joint] if unit != "rad" else []
+    grippers = [joint for joint in joints if is_gripper(joint)] if unit != "rad" else []
     tables = ""
     for gripper in grippers:
         low, high = _find_gripper_range(path, gripper, model)
         line = f'unit = "normalised"\nrange = [0.0, 100.0]\nlow = {low!r}\nhigh = {high!r}\n'
-        tables += "".join(f"[read.{what}.joints.{gripper}]\n{line}" for what in ("position", "command"))
-    names = ", ".join(f'"{joint}"' for joint in joints)
+        tables += "".join(f"[read.{what}.joints.{_quote(gripper)}]\n{line}" for what in ("position", "command"))
     return (
-        f'format = "lerobot"\nrobot = "{dataset.robot_type}"\njoints = [{names}]\n'
+        f'format = "lerobot"\nrobot = {_quote(dataset.robot_type)}\njoints = [{", ".join(map(_quote, joints))}]\n'
         'alignment = "action_follows_state"\nvelocity = "derive"\n'
         '[servo]\nresolution = 4096\ndrive_mode = true\n[read.position]\nunit = "deg"\n[read.command]\nunit = "deg"\n'
         + tables
         + ('[audit]\nallow = ["unit_slip"]\n' if unit == "rad" else "")
     )
+
+
+def _quote(text: str) -> str:
+    """Return a text as TOML, whose strings have JSON's escapes."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _find_gripper_range(path: Path, joint: str, model: str | None) -> tuple[float, float]:
@@ -183,7 +203,7 @@ def import_dataset(path: Path, options: ImportOptions) -> tuple[Dataset, Provena
     original = read(root)
     recorded = original
     if options.uniform:
-        recorded = _remove_clock(recorded)
+        recorded = recorded.without_columns({TIME})  # the recorder's clock
     elif TIME not in recorded.features:
         recorded = with_clock(recorded, read_stamps(root))
     if options.rate is not None:
@@ -196,8 +216,10 @@ def import_dataset(path: Path, options: ImportOptions) -> tuple[Dataset, Provena
         dataset, derived = as_transitions(divided)
     except DatasetInvalid as error:
         raise DatasetInvalid(str(error).replace(REMEDY, import_command(path, recorded))) from None
+    refuse_unknown_unit(path, recorded)
     findings = (
         *_report_gaps(recorded, gaps),
+        *report_single_frames(divided),
         *_report_videos(path, original, recorded),
         *audit_dataset(dataset, BY_OPTIONS),
     )
@@ -225,12 +247,6 @@ def _report_videos(path: Path, before: Dataset, after: Dataset) -> list[AuditFin
     had, has = (dataset.passthrough.features if dataset.passthrough else {} for dataset in (before, after))
     lost = {key: entry for key, entry in had.items() if key not in has}
     return [AuditFinding("left_out", str(path), describe_left_out(lost, VIDEO_LEFT_OUT), minor=True)] if lost else []
-
-
-def _remove_clock(dataset: Dataset) -> Dataset:
-    """Return a dataset without a recorder's clock."""
-    kept = {key: feature for key, feature in dataset.features.items() if key != TIME}
-    return replace(dataset, features=kept, columns={key: dataset.columns[key] for key in kept})
 
 
 def _report_gaps(dataset: Dataset, gaps: Sequence[tuple[int, float]]) -> list[AuditFinding]:

@@ -36,7 +36,10 @@ class LogColumns:
         """The columns of each joint if each has a table of its own; else the columns themselves."""
         if not self.tables:
             return (self,)
-        return tuple(LogColumns((column,), table) for column, table in zip(self.columns, self.tables, strict=True))
+        return tuple(
+            LogColumns((column,), table, names=self.names[index : index + 1])
+            for index, (column, table) in enumerate(zip(self.columns, self.tables, strict=True))
+        )
 
 
 @dataclass(frozen=True)
@@ -140,7 +143,7 @@ class Map:
         resample: Resampling; None to keep the rows as recorded.
         constants: Keys of the log that go to provenance.
         task: Task of an episode; `{log}` and the constants are filled in.
-        joint_names: Array of the log that holds its joint names, once or in every row; may be empty.
+        joint_names: Array of the log that holds its joint names, once or in every row; empty for a message's own field.
         servo: Servo properties behind LeRobot's units; None if the map gives none.
         remedies: Remedies for findings of the audits if this is no map file; None for the map's keys.
     """
@@ -173,3 +176,12 @@ class Map:
     def fps(self) -> float:
         """Control rate of the dataset [Hz]."""
         return self.resample.rate if self.resample else self.rate
+
+    @property
+    def quantities(self) -> tuple[LogQuantity, ...]:
+        """All quantities that are read."""
+        return tuple(filter(None, (self.position, self.velocity, self.command, *self.signals.values())))
+
+    def find_parts(self, table: str) -> list[LogColumns]:
+        """Return what is read from a file or topic."""
+        return [part for quantity in self.quantities for part in quantity.source.parts if part.table == table]

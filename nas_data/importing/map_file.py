@@ -36,7 +36,7 @@ from nas_data.visible_files import list_visible_files
 MAPS = Path(__file__).parent / "maps"
 VELOCITIES = ("measured", "derive")
 METHODS = ("linear", "previous")
-ALLOWABLE = ("command_scale", "rate", "unit_slip", "velocity_scale")
+ALLOWABLE = ("command_scale", "rate", "unit_slip", "unmatched_ends", "velocity_scale")
 
 
 def load_map(name_or_path: str | Path) -> Map:
@@ -191,7 +191,8 @@ def _parse_source(section: MapSection, layout: LogLayout, width: int, may_be_con
         raise section.error(f"'columns' names {count_of(len(columns), 'column')}; {width} are needed, one a joint.")
     tables = _parse_tables_of_joints(section, layout, width)
     if tables and given != ["constant"]:
-        return LogColumns(columns * (width // len(columns)), tables[0], tables=tables)
+        names = _parse_names(section, width)
+        return LogColumns(columns * (width // len(columns)), tables[0], names=names, tables=tables)
     # A signal may share a component between joints, a state or command may not.
     if not may_be_constant:
         _refuse_twice(section, "columns", columns)

@@ -16,34 +16,38 @@ ROS_NAMES = ("name", "joint_names")  # fields of JointState; of JointTrajectory 
 
 
 def arrange(table: LogTable, mapping: Map, key: str, required: bool) -> LogTable:
-    """Compare a table's joint names with the map, or reorder its vectors if each row has names.
+    """Put a table's vectors in the map's order by the joint names in its rows; compare names that it holds once.
 
     Rows without any of the map's joints come from another publisher and are dropped.
 
     Args:
         table: One file, or one topic.
-        mapping: Map with the joints and the column of their names.
+        mapping: Map with the joints, the column of their names, and their names in the log if these differ.
         key: Name of the file or topic in the map.
         required: Whether the table must have that column.
 
     Raises:
-        MapError: the table's names differ from the map's, or have another order.
+        MapError: the table's names differ from the map's, have another order, or are absent although the map has them.
         LogError: a row names only some of the joints.
     """
-    found = find_names_column(table, mapping)
-    if not mapping.joint_names:
-        if found is not None:
-            _refuse_other_order(table, mapping, key, found)
-        return table
-    name = found or mapping.joint_names
-    if not required and name not in table.columns:
+    given = next((part.names for part in mapping.find_parts(key) if part.names), ())
+    name = find_names_column(table, mapping) or mapping.joint_names
+    if not name or (not required and name not in table.columns):
+        if given and not table.names:
+            raise MapError(
+                f"{table.path} has no names of components, but the map gives names = [{', '.join(given)}]; name the "
+                "column that has them with joint_names = … at the top of the map, or remove 'names' and give the "
+                "numbers of the components: components = […]."
+            )
         return table
     held = table.constants.get(name)
     rows = _read_names(table.column(name) if held is None else held)
-    if isinstance(rows, tuple):
+    if isinstance(rows, tuple) and not given:
         _compare(table, mapping, rows)
         return table
-    return _rearrange_vectors(table, mapping, key, rows)
+    if isinstance(rows, tuple):
+        rows = [rows] * len(table.column(mapping.find_parts(key)[0].columns[0]))
+    return _rearrange_vectors(table, mapping, key, rows, given or mapping.joints)
 
 
 def find_names_column(table: LogTable, mapping: Map) -> str | None:
@@ -53,21 +57,14 @@ def find_names_column(table: LogTable, mapping: Map) -> str | None:
 
 
 def _may_name_joints(table: LogTable, mapping: Map, name: str) -> bool:
-    """Whether a column can hold joint names: the map's column, or a list per row; a single text is no joint name."""
-    return name == mapping.joint_names or isinstance(_read_names(table.column(name)), list)
+    """Whether a column can hold joint names: the map's column, or lists that are not all empty.
 
-
-def _refuse_other_order(table: LogTable, mapping: Map, key: str, column: str) -> None:
-    """Refuse messages with the joints in another order, if the map neither reads names nor selects components."""
-    read = [mapping.position, mapping.velocity, mapping.command, *mapping.signals.values()]
-    here = [quantity.source for quantity in read if quantity and quantity.source.table == key]
-    rows, picked = _read_names(table.column(column)), bool(here) and all(source.components for source in here)
-    other = next((row for row in rows if set(row) == set(mapping.joints) and row != mapping.joints), None)
-    if other is not None and not picked:
-        raise MapError(
-            f"{table.path} has the joints {', '.join(other)}, but the map {', '.join(mapping.joints)}; "
-            f"set joint_names = '{column}' at the top of the map, which sorts them in the map's order."
-        )
+    A message with a single text as its name names no joint.
+    """
+    if name == mapping.joint_names:
+        return True
+    rows = _read_names(table.column(name))
+    return isinstance(rows, list) and any(rows)
 
 
 def _read_names(column: object) -> tuple[str, ...] | list[tuple[str, ...]]:
@@ -97,18 +94,38 @@ def _compare(table: LogTable, mapping: Map, found: Sequence[str]) -> None:
     )
 
 
-def _rearrange_vectors(table: LogTable, mapping: Map, key: str, rows: list[tuple[str, ...]]) -> LogTable:
-    """Reorder vectors with one number per name to the map's joint order."""
-    kinds = {names: _find_indices(names, mapping.joints) for names in dict.fromkeys(rows)}
+def _rearrange_vectors(
+    table: LogTable, mapping: Map, key: str, rows: list[tuple[str, ...]], wanted: tuple[str, ...]
+) -> LogTable:
+    """Reorder the vectors that the map reads to its joint order; those it picks components of stay as they are.
+
+    Args:
+        table: One file, or one topic.
+        mapping: The map.
+        key: Name of the file or topic in the map.
+        rows: Names in each row.
+        wanted: Names of the map's joints in the log.
+    """
+    parts = mapping.find_parts(key)
+    picked = {part.columns[0] for part in parts if part.components}
+    vectors = {name for part in parts for name in part.columns if _holds_lists(table.columns.get(name))} - picked
+    kinds = {names: _find_indices(names, wanted) for names in dict.fromkeys(rows)}
     kept = np.array([kinds[names] is not None for names in rows])
-    if not kept.any():
+    if not kept.any() and vectors:
         raise MapError(
-            f"{table.path}: no row names a joint of the map ({', '.join(mapping.joints)}); the first names "
-            f"{', '.join(rows[0][:SHOWN]) or 'none'}. Use the names of the log in 'joints' of the map."
+            f"{table.path}: no row names a joint of the map ({', '.join(wanted)}); the first names "
+            f"{', '.join(rows[0][:SHOWN]) or 'none'}. Use the names of the log in 'joints' of the map, or give them in "
+            f"the order of 'joints' with names = […] in {_name_section(mapping, key)}."
         )
+    if picked:
+        kept = kept if kept.any() else ~kept
+        _refuse_changing_names(table, rows, kept)
+        _refuse_other_components(table, mapping, key, rows[int(np.argmax(kept))], wanted)
+    if not vectors:
+        return _take_rows(table, kept)
     partial = next((row for row, names in enumerate(rows) if -1 in (kinds[names] or ())), None)
     if partial is not None:
-        missing = next(joint for joint in mapping.joints if joint not in rows[partial])
+        missing = next(joint for joint in wanted if joint not in rows[partial])
         there = ", ".join(rows[partial][:SHOWN])
         remedy = "write its rows together with the others'"
         if mapping.layout.topics:
@@ -121,9 +138,55 @@ def _rearrange_vectors(table: LogTable, mapping: Map, key: str, rows: list[tuple
         )
     places = np.array([kinds[names] for names, keep in zip(rows, kept, strict=True) if keep])
     widths = [len(names) for names, keep in zip(rows, kept, strict=True) if keep]
-    columns: dict[str, Column] = {}
-    for name, column in table.columns.items():
-        columns[name] = _rearrange_column(column, kept, places, widths)
+    kept_table = _take_rows(table, kept)
+    reordered = {name: _reorder(kept_table.columns[name], places, widths) for name in vectors}
+    return replace(kept_table, columns={**kept_table.columns, **reordered})
+
+
+def _refuse_changing_names(table: LogTable, rows: list[tuple[str, ...]], kept: np.ndarray) -> None:
+    """Refuse names that change from row to row where the map picks components by their numbers."""
+    first = int(np.argmax(kept))
+    other = next((row for row in np.flatnonzero(kept) if rows[row] != rows[first]), None)
+    if other is not None:
+        raise MapError(
+            f"{table.path}: the map picks 'components' by their numbers, but {table.name_rows([first])} names "
+            f"{', '.join(rows[first][:SHOWN])}, and {table.name_rows([other])} {', '.join(rows[other][:SHOWN])}; "
+            "remove 'components', which finds the joints by name in every row."
+        )
+
+
+def _refuse_other_components(
+    table: LogTable, mapping: Map, key: str, names: tuple[str, ...], wanted: tuple[str, ...]
+) -> None:
+    """Refuse components that belong to another joint by their names; joints may share those of a signal."""
+    states = [one.source for one in mapping.quantities if one.name not in mapping.signals and one.source.table == key]
+    for source in states:
+        for joint, place in zip(wanted, source.components, strict=False):
+            found = names[place] if place < len(names) else joint
+            if found != joint and found in wanted:
+                raise MapError(
+                    f"{table.path}: the map picks component {place} for the joint '{joint}', but there it is "
+                    f"'{found}'; correct 'components', or remove it, which finds the joints by name in every row."
+                )
+
+
+def _name_section(mapping: Map, key: str) -> str:
+    """Return the map's table of a quantity that is read from a file or topic."""
+    parts = mapping.find_parts(key)
+    name = next(quantity.name for quantity in mapping.quantities if parts[0] in quantity.source.parts)
+    return f"[signals.{name}]" if name in mapping.signals else f"[read.{name}]"
+
+
+def _take_rows(table: LogTable, kept: np.ndarray) -> LogTable:
+    """Return a table without the rows of other publishers; arrays with another number of rows stay whole."""
+    if kept.all():
+        return table
+    columns = {
+        name: column
+        if len(column) != len(kept)
+        else (column[kept] if isinstance(column, np.ndarray) else column.filter(pa.array(kept)))
+        for name, column in table.columns.items()
+    }
     return replace(table, columns=columns, rows=np.flatnonzero(kept))
 
 
@@ -133,19 +196,19 @@ def _find_indices(names: tuple[str, ...], joints: tuple[str, ...]) -> tuple[int,
     return None if set(places) == {-1} else places
 
 
-def _rearrange_column(column: Column, kept: np.ndarray, places: np.ndarray, widths: list[int]) -> Column:
-    """Return the kept rows of a column; vectors with one number per name are reordered."""
+def _holds_lists(column: Column | None) -> bool:
+    """Return whether a column has a list in every row."""
     if isinstance(column, np.ndarray):
-        chosen = column[kept]
-        listed = [*chosen] if chosen.ndim == 2 or chosen.dtype == object else None
-    else:
-        chosen = column.filter(pa.array(kept))
-        nested = pa.types.is_list(column.type) or pa.types.is_large_list(column.type)
-        listed = chosen.to_pylist() if nested or pa.types.is_fixed_size_list(column.type) else None
-    fits = listed is not None and all(
-        not isinstance(row, str | bytes) and row is not None and len(row) == width
-        for row, width in zip(listed, widths, strict=True)
-    )
-    if not fits or listed is None or isinstance(listed[0][0], str | bytes):
-        return chosen
-    return np.array([np.asarray(row, np.float64)[order] for row, order in zip(listed, places, strict=True)])
+        return column.ndim == 2 or (column.dtype == object and len(column) > 0 and np.ndim(column[0]) == 1)
+    kinds = (pa.types.is_list, pa.types.is_large_list, pa.types.is_fixed_size_list)
+    return column is not None and any(is_kind(column.type) for is_kind in kinds)
+
+
+def _reorder(column: Column, places: np.ndarray, widths: list[int]) -> Column:
+    """Return a column whose vectors with one number per name are reordered; others, such as empty ones, unchanged."""
+    rows = [*column] if isinstance(column, np.ndarray) else column.to_pylist()
+    if len(rows) != len(places) or any(row is None for row in rows) or [len(row) for row in rows] != widths:
+        return column
+    if isinstance(rows[0][0], str | bytes):
+        return column
+    return np.array([np.asarray(row, np.float64)[order] for row, order in zip(rows, places, strict=True)])

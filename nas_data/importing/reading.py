@@ -8,35 +8,38 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.count_of import count_of
+from nas_data.dataset.audits.base import AuditFinding
+from nas_data.dataset.audits.finite import name_absent
 from nas_data.dataset.audits.timing import find_holes
 from nas_data.dataset.features import EFFORT, POSITION, VELOCITY, are_generated
 from nas_data.dataset.recording import Recording
 from nas_data.errors import LogError, MapError
 from nas_data.importing.conversion import TIME_UNITS, decode
 from nas_data.importing.formats import find_folder_kind, read_table, read_tables
-from nas_data.importing.joining import choose_join, find_common_rows, join_table
+from nas_data.importing.joining import find_common_rows, join_table, report_ends
 from nas_data.importing.map import LogColumns, LogQuantity, Map
 from nas_data.importing.messages import RECEIVED
 from nas_data.importing.naming import arrange, find_names_column
 from nas_data.importing.table import LogTable
 
 MIN_ROWS = 3  # least number of rows, for two transitions
+TOO_SHORT = "too_short"  # check of the findings on such episodes
 LONGEST_WAY = 0.5  # [s] longest transport delay of a message; a larger difference is one of clocks
 SUFFIXES = {"position": POSITION, "velocity": VELOCITY, "effort": EFFORT}  # suffixes of component names
 
 
-def read_log(log: Path, mapping: Map) -> list[Recording]:
-    """Read the episodes of a log.
+def read_log(log: Path, mapping: Map) -> tuple[list[Recording], list[AuditFinding]]:
+    """Read the episodes of a log; too short ones are left out.
 
     Args:
         log: A file, or a folder if the map names several files.
         mapping: The map.
 
     Returns:
-        Recordings before alignment and resampling.
+        Recordings before alignment and resampling, and findings on what is left out.
 
     Raises:
-        LogError: a file is unreadable, empty or too short, or its columns do not match.
+        LogError: a file is unreadable or empty, or its columns do not match.
         MapError: the map names a column or topic that the log lacks.
     """
     tables = _read_tables(log, mapping)
@@ -46,14 +49,16 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
     if not len(time):
         raise LogError(f"{reference.path} holds no rows; give a log with recorded rows.")
     partners = {
-        key: join_table(time, times[key], tables[key], mapping, choose_join(mapping, key))
+        key: join_table(time, times[key], tables[key], mapping, key)
         for key in tables
         if key != mapping.position.source.table
     }
     shared = slice(None)
+    findings = []
     if partners:
         matches = {tables[key].path: rows for key, rows in partners.items()}
         shared = find_common_rows(matches, log, reference, mapping.layout.tolerance)
+        findings = report_ends(matches, shared, log, reference, time, mapping.layout.tolerance)
 
     def read(quantity: LogQuantity) -> np.ndarray:
         raw = []
@@ -83,10 +88,16 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
     if reference.rows is not None:
         episodes = [replace(part, rows=reference.rows[part.rows]) for part in episodes]
     recordings = [part for episode in episodes for part in divide_at_gaps(episode, mapping.rate)]
-    for recording in recordings:
-        if len(recording) < MIN_ROWS:
-            raise _make_length_error(recording)
-    return recordings
+    findings += [report_short(part) for part in recordings if len(part) < MIN_ROWS]
+    return [part for part in recordings if len(part) >= MIN_ROWS], findings
+
+
+def refuse_nothing(recordings: Sequence[Recording], findings: Sequence[AuditFinding]) -> None:
+    """Raise LogError if no recording remains; the message has the reason for the first one that is left out."""
+    if not recordings:
+        raise LogError(
+            next(f"{one.file}: {one.what}, and nothing remains." for one in findings if one.check == TOO_SHORT)
+        )
 
 
 def divide_at_gaps(recording: Recording, rate: float) -> list[Recording]:
@@ -116,12 +127,19 @@ def divide_at_gaps(recording: Recording, rate: float) -> list[Recording]:
     ]
 
 
-def _make_length_error(recording: Recording) -> LogError:
-    """Return the error for an episode with too few rows."""
-    sentence = f"{recording.label} has {count_of(len(recording), 'row')}; at least {MIN_ROWS} are needed"
+def report_short(recording: Recording, when: str = "", least: int = MIN_ROWS) -> AuditFinding:
+    """Return the finding on an episode that is left out because it has too few rows.
+
+    Args:
+        recording: The episode.
+        when: After which step, in words.
+        least: Fewest rows of an episode then.
+    """
+    what = f"the episode of {recording.name_rows(recording.rows)} has only {count_of(len(recording), 'row')}{when}"
     if recording.gap:
-        sentence += f"; remove {recording.name_rows(recording.rows)}, before which {recording.gap:.3g} s are missing"
-    return LogError(sentence + ".")
+        what += f", before which {recording.gap:.3g} s are missing"
+    what += f"; at least {least} are needed, so it is left out"
+    return AuditFinding(TOO_SHORT, recording.label, what, rows=tuple(recording.rows.tolist()))
 
 
 def _read_tables(log: Path, mapping: Map) -> dict[str, LogTable]:
@@ -146,8 +164,7 @@ def _read_tables(log: Path, mapping: Map) -> dict[str, LogTable]:
 
 def _restrict(mapping: Map, table: str) -> Map:
     """Return the map of the single joint in a table if each joint has a table of its own; else the map."""
-    read = [mapping.position, mapping.velocity, mapping.command, *mapping.signals.values()]
-    tables = next((one.source.tables for one in read if one and table in one.source.tables), None)
+    tables = next((one.source.tables for one in mapping.quantities if table in one.source.tables), None)
     return replace(mapping, joints=(mapping.joints[tables.index(table)],)) if tables else mapping
 
 
@@ -190,9 +207,7 @@ def _refuse_other_clocks(tables: dict[str, LogTable], ticks: dict[str, np.ndarra
 
 def _select_column(mapping: Map, table: str) -> str:
     """Return a column that the map reads from a table."""
-    read = [mapping.position, mapping.velocity, mapping.command, *mapping.signals.values()]
-    parts = [part for quantity in read if quantity for part in quantity.source.parts]
-    return next(part.columns[0] for part in parts if part.table == table)
+    return mapping.find_parts(table)[0].columns[0]
 
 
 def _read_raw(
@@ -210,7 +225,7 @@ def _read_raw(
     width = 1 if quantity.source.tables else len(quantity.conversion.gain)
     if width == len(joints):
         source = _match_components(table, quantity, source, joints)
-    raw = _read_source(table, source, width, count)
+    raw = _read_source(table, quantity.name, source, width, count)
     if len(raw) != count:
         raise LogError(
             f"{table.path}: '{source.columns[0]}' has {count_of(len(raw), 'row')}, but its times are {count}; "
@@ -244,7 +259,7 @@ def _match_components(table: LogTable, quantity: LogQuantity, source: LogColumns
     return replace(source, components=tuple(there.index(name) for name in wanted))
 
 
-def _read_source(table: LogTable, source: LogColumns, width: int, count: int) -> np.ndarray:
+def _read_source(table: LogTable, name: str, source: LogColumns, width: int, count: int) -> np.ndarray:
     """Read raw numbers, shape (N, n)."""
     if source.constant:
         value = table.constant(source.columns[0])
@@ -265,6 +280,8 @@ def _read_source(table: LogTable, source: LogColumns, width: int, count: int) ->
             )
         return np.hstack(parts)
     raw = parts[0]
+    if raw.size == 0 < len(raw):
+        raise LogError(f"{table.path}: '{source.columns[0]}' is empty in all rows; {name_absent(name)}.")
     if source.components:
         if max(source.components) >= raw.shape[1]:
             raise MapError(

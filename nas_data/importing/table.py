@@ -1,6 +1,8 @@
 """One file of a log as named columns, converted to numbers on demand."""
 
+import datetime
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -47,7 +49,7 @@ class LogTable:
         return format_rows(rows if self.rows is None else self.rows[np.asarray(rows)], self.lines)
 
     def column(self, name: str) -> Column:
-        """Return a column as stored.
+        """Return a column as stored; categories and all kinds of text in Arrow are plain values and `string`.
 
         Raises:
             MapError: there is no such column; the message lists the available ones.
@@ -58,7 +60,7 @@ class LogTable:
         if name not in self.columns:
             there = ", ".join(self.columns) or "none"
             raise MapError(f"{self.path} has no column '{name}', which the map names; it has: {there}.")
-        return self.columns[name]
+        return _unify_text(self.columns[name])
 
     def numbers(self, name: str) -> np.ndarray:
         """Return a column as numbers.
@@ -74,9 +76,7 @@ class LogTable:
         if isinstance(column, np.ndarray):
             return self._from_numpy(name, column)
         kind = column.type
-        if pa.types.is_dictionary(kind):
-            column, kind = column.cast(kind.value_type), kind.value_type
-        if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+        if pa.types.is_string(kind):
             return self._from_text(name, column)
         if pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind):
             return self._from_lists(name, column)
@@ -85,7 +85,8 @@ class LogTable:
             if pa.types.is_null(kind):
                 return np.full((len(column), 1), np.nan)
             raise LogError(f"{self.path}: the column '{name}' holds {kind}, not numbers; name another column.")
-        return _convert_to_numpy(column.cast(pa.float64()))[:, None]
+        # Integers beyond 2^53 lose digits that only times need; see `ticks`.
+        return _convert_to_numpy(column.cast(pa.float64(), safe=False))[:, None]
 
     def ticks(self, name: str, unit: str) -> np.ndarray:
         """Return a time column in its own unit, shape (N,).
@@ -97,6 +98,8 @@ class LogTable:
             LogError: cells are not times in this unit.
         """
         column = self.column(name)
+        if not isinstance(column, np.ndarray):
+            self._refuse_nulls(name, column)
         whole = self._convert_numpy_ticks(name, column, unit) if isinstance(column, np.ndarray) else None
         if not isinstance(column, np.ndarray):
             whole = self._convert_arrow_ticks(name, column, unit)
@@ -119,13 +122,14 @@ class LogTable:
             LogError: the column changes.
         """
         if name in self.constants:
-            return self.constants[name]
+            return to_plain(self.constants[name])
         if name not in self.columns:
             there = ", ".join([*self.constants, *self.columns]) or "nothing"
             raise MapError(f"{self.path} has no constant '{name}', which the map names; it holds: {there}.")
         column = self.columns[name]
         whole = column if isinstance(column, np.ndarray) else np.array([*column.to_pylist(), None], object)[:-1]
-        values = whole[rows].tolist()
+        chosen = whole[rows]
+        values = [to_plain(value) for value in (chosen.astype(str) if chosen.dtype.kind in "mM" else chosen).tolist()]
         if any(value != values[0] for value in values):
             raise LogError(
                 f"{self.path}: '{name}' changes within the log, so it is not a constant; give it as 'column'."
@@ -142,17 +146,13 @@ class LogTable:
 
     def _convert_arrow_ticks(self, name: str, column: pa.Array, unit: str) -> np.ndarray | None:
         """Return a column of integers or dates, also as text, as integers, shape (N,); None for others."""
-        if pa.types.is_dictionary(column.type):
-            column = column.cast(column.type.value_type)
         if pa.types.is_string(column.type):
-            kinds = [pa.timestamp("ns"), pa.timestamp("ns", "UTC")] if unit == "datetime" else [pa.int64()]
             column = pc.utf8_trim_whitespace(column)
-            column = pc.replace_substring(column, ",", ".") if unit == "datetime" else column  # ISO 8601 allows both
-            for kind in kinds:
-                try:
-                    return None if column.null_count else _convert_to_numpy(column.cast(kind).cast(pa.int64()))
-                except pa.ArrowInvalid:
-                    continue
+            if unit != "datetime":
+                self._check_date(name, column, _read_dates(column[:1]) is not None and len(column) > 0, unit)
+            whole = _read_dates(column) if unit == "datetime" else _cast(column, pa.int64())
+            if whole is not None:
+                return _convert_to_numpy(whole.cast(pa.int64()))
         is_duration = pa.types.is_duration(column.type)
         is_date = is_duration or pa.types.is_timestamp(column.type) or pa.types.is_date(column.type)
         self._check_date(name, column, is_date, unit)
@@ -160,11 +160,7 @@ class LogTable:
             fine = pa.duration("ns") if is_duration else pa.timestamp("ns", getattr(column.type, "tz", None))
             column = column.cast(fine).cast(pa.int64())
         # signed, so that a decreasing time becomes a negative step and not a huge one
-        return (
-            _convert_to_numpy(column.cast(pa.int64()))
-            if pa.types.is_integer(column.type) and not column.null_count
-            else None
-        )
+        return _convert_to_numpy(column.cast(pa.int64())) if pa.types.is_integer(column.type) else None
 
     def _check_date(self, name: str, column: Column, is_date: bool, unit: str) -> None:
         if is_date and unit != "datetime":
@@ -188,19 +184,31 @@ class LogTable:
         return (column if column.ndim == 2 else column[:, None]).astype(np.float64)
 
     def _from_text(self, name: str, column: pa.Array) -> np.ndarray:
-        """Parse text cells: numbers, or JSON lists of numbers."""
-        first = next((cell for cell in column.drop_null()[:1].to_pylist()), "")
-        if first.lstrip().startswith("["):
+        """Parse text cells: numbers, True and False (1 and 0), or JSON lists of numbers."""
+        texts = pc.utf8_trim_whitespace(column)
+        first, second = [*texts.drop_null()[:2].to_pylist(), "", ""][:2]
+        if not self._is_readable(first) and self._is_readable(second) and not self._has_other_point(first):
+            row = int(np.argmax(column.is_valid()))
+            raise LogError(
+                f"{self.path}: the column '{name}' holds {str(column[row])!r} in {self.name_rows([row])} and numbers "
+                "below it; if that row has units, remove it."
+            )
+        if first.startswith("["):
             self._refuse_nulls(name, column)
             return self._from_json_cells(name, column.to_pylist())
+        lower = pc.utf8_lower(texts)
+        if first.lower() in {"true", "false"} and set(lower.unique().to_pylist()) <= {"true", "false", None}:
+            return _convert_to_numpy(pc.equal(lower, "true").cast(pa.float64()))[:, None]
         try:
             return _convert_to_numpy(self._with_point(column).cast(pa.float64()))[:, None]
         except pa.ArrowInvalid:
             cells, points = column.to_pylist(), self._with_point(column).to_pylist()
             row = next(row for row, cell in enumerate(points) if cell is not None and not _is_number(cell))
             other = {".": ",", ",": "."}[self.decimal]
-            is_other = _is_number(cells[row].replace(other, "."))
+            is_other = self._has_other_point(cells[row])
             remedy = f"if it is one, set decimal = '{other}' at the top of the map" if is_other else "remove that row"
+            if not is_other and not any(cell is not None and _is_number(cell) for cell in points):
+                remedy = "no row has one: name another column, or write plain numbers"
             raise LogError(
                 f"{self.path}: the column '{name}' holds {cells[row]!r} in {self.name_rows([row])}, which is not a "
                 f"number; {remedy}."
@@ -212,6 +220,14 @@ class LogTable:
         if self.decimal == ".":
             return column
         return pc.replace_substring(pc.replace_substring(column, ".", NO_DECIMAL), self.decimal, ".")
+
+    def _has_other_point(self, cell: str) -> bool:
+        """Return whether a text cell is a number with the other decimal separator."""
+        return _is_number(cell.replace("," if self.decimal == "." else ".", "."))
+
+    def _is_readable(self, cell: str) -> bool:
+        """Return whether a text cell is a number, or a JSON list of numbers, which always has a decimal point."""
+        return isinstance(number_or_text(cell, self.decimal), int | float) or bool(_list_of(cell))
 
     def _from_json_cells(self, name: str, cells: list[str]) -> np.ndarray:
         try:
@@ -252,6 +268,21 @@ class LogTable:
             raise LogError(f"{self.path}: the column '{name}' is empty in {self.name_rows(rows)}; remove these rows.")
 
 
+def to_plain(value: object) -> object:
+    """Return a value as JSON can hold it: dates as ISO 8601, bytes as text, NaN as None, other types as their text."""
+    if isinstance(value, Mapping):
+        return {str(key): to_plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [to_plain(one) for one in value]
+    if isinstance(value, datetime.date | datetime.time):
+        return value.isoformat()
+    if isinstance(value, bytes):
+        return value.decode(errors="replace")
+    if isinstance(value, float):
+        return None if math.isnan(value) else value if math.isfinite(value) else str(value)
+    return value if value is None or isinstance(value, str | int) else str(value)
+
+
 def refuse_twice(path: Path, names: Sequence[str]) -> None:
     """Refuse duplicate column names in a header.
 
@@ -272,6 +303,31 @@ def number_or_text(value: object, decimal: str = ".") -> object:
     if not _is_number(text):
         return value
     return int(text) if text.strip().lstrip("+-").isdecimal() else float(text)
+
+
+def _unify_text(column: Column) -> Column:
+    """Return Arrow's categories as their values, and its other text types as `string`."""
+    if isinstance(column, np.ndarray):
+        return column
+    if pa.types.is_dictionary(column.type):
+        column = column.cast(column.type.value_type)
+    texts = (pa.types.is_large_string, pa.types.is_string_view)
+    return column.cast(pa.string()) if any(is_text(column.type) for is_text in texts) else column
+
+
+def _cast(column: pa.Array, kind: pa.DataType) -> pa.Array | None:
+    """Return text cells as another type; None if a cell is none."""
+    try:
+        return column.cast(kind)
+    except pa.ArrowInvalid:
+        return None
+
+
+def _read_dates(column: pa.Array) -> pa.Array | None:
+    """Return text cells as dates, also with a decimal comma, which ISO 8601 allows; None if a cell is none."""
+    column = pc.replace_substring(column, ",", ".")
+    read = (_cast(column, kind) for kind in (pa.timestamp("ns"), pa.timestamp("ns", "UTC")))
+    return next((dates for dates in read if dates is not None), None)
 
 
 def _convert_to_numpy(column: pa.Array | pa.ChunkedArray) -> np.ndarray:

@@ -11,9 +11,9 @@ DRIVE = "_deadband_drive"  # fixed tendon `<joint>_deadband_drive`, the servo's 
 GOAL = "_deadband_goal"  # joint in the world whose position is the servo's goal
 PROFILE = "_acceleration_limit"  # passive actuator that brakes the goal joint, if its acceleration is limited
 # passive actuators that apply the servo's torque to the joint
-GAIN, BAND, DAMPING = "_deadband_gain", "_deadband", "_deadband_damping"
+GOAL_GAIN, BAND, DAMPING = "_deadband_gain", "_deadband", "_deadband_damping"
 START, START_BAND = "_start_torque", "_start_torque_band"  # the servo's least torque, and its dead band
-PARTS = (GAIN, BAND, DAMPING, START, START_BAND)
+PARTS = (GOAL_GAIN, BAND, DAMPING, START, START_BAND)
 CURVE = "_motor_curve"  # passive actuator and fixed tendon `<joint>_motor_curve`: their torques depend on speed
 PRESSED = "_pressed_drive"  # fixed tendon `<joint>_pressed_drive`: the joint and a pad that its servo presses
 PAD = "_pressed_pad"  # joint of that pad, in the parent body

@@ -5,37 +5,83 @@ import inspect
 import json
 import math
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TypeGuard
 
 import torch
 from safetensors import SafetensorError
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.errors import CheckpointError, JointMismatch
+from nas_data.dataset.features import POSITION
+from nas_data.dataset.layout import SOURCE, SOURCE_EFFECTS
+from nas_data.errors import CheckpointError, JointMismatch, OutputExists
 from nas_data.models.lstm import DynamicsModel
+from nas_data.simulators.base import Simulator
 
 CONFIG = "config.json"
 WEIGHTS = "model.safetensors"
+KINDS = "kinds"  # in the provenance: command quantity of each joint, `.pos`, `.vel` or `.effort`
+REQUIRED = ("kind", "joints")  # options without a default
+SOURCE_FILES = tuple(Path(name).name for name in (SOURCE, SOURCE_EFFECTS))  # stored with φ
 SHOWN = 60  # most characters of a wrong value in an error
 
 
 def save(model: DynamicsModel, folder: Path, attachments: Mapping[str, bytes] | None = None) -> Path:
-    """Write a checkpoint by renaming a complete folder, so that it is never partial.
+    """Write a checkpoint: complete files are renamed into place, and other files in the folder stay.
 
     Args:
         model: Trained model.
-        folder: Folder of the checkpoint; an existing one is replaced.
+        folder: Folder of the checkpoint; an existing checkpoint is replaced.
         attachments: Contents of further files by name, such as the source that φ corrects.
+
+    Raises:
+        OutputExists: the folder holds something else.
     """
-    staging = folder.with_name(f".{folder.name}.partial")
+    check_replaceable(folder)
+    place = folder.resolve()
+    staging = place.with_name(f".{place.name}.partial")
     shutil.rmtree(staging, ignore_errors=True)
     copy_to_cpu(model).save_pretrained(staging)
     for name, content in (attachments or {}).items():
         (staging / name).write_bytes(content)
-    shutil.rmtree(folder, ignore_errors=True)
-    staging.rename(folder)
+    if place.exists():
+        replace_files(staging, place)
+    else:
+        staging.rename(place)
     return folder
+
+
+def check_replaceable(folder: Path) -> None:
+    """Check that a folder is missing, empty or a checkpoint.
+
+    Raises:
+        OutputExists: it is none of these.
+    """
+    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+        return
+    try:
+        config = json.loads((folder / CONFIG).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        config = None
+    if not isinstance(config, dict) or not config.keys() >= {*REQUIRED}:  # other programs write a config.json, too
+        raise OutputExists(f"{folder} exists and is not a checkpoint; choose another folder or remove it.")
+
+
+def replace_files(staging: Path, folder: Path) -> None:
+    """Move the files of a complete checkpoint into the folder of another one, whose files they replace.
+
+    A training saves the same configuration again and again, so that only the weights change, in one step. Another
+    configuration is removed first and written last: an interrupted replacement is refused by `load_for_inference`.
+    """
+    config, names = folder / CONFIG, {path.name for path in staging.iterdir()}
+    if config.is_file() and config.read_bytes() != (staging / CONFIG).read_bytes():
+        config.unlink()
+    for name in {*SOURCE_FILES} - names:
+        (folder / name).unlink(missing_ok=True)
+    for name in sorted(names, key=lambda name: name == CONFIG):
+        (staging / name).replace(folder / name)
+    staging.rmdir()
 
 
 def copy_to_cpu(model: DynamicsModel) -> DynamicsModel:
@@ -81,7 +127,7 @@ def read_config(path: Path) -> DynamicsModel:
     if not isinstance(config, dict):
         raise ValueError(f"{CONFIG} is not a JSON object")
     known = inspect.signature(DynamicsModel.__init__).parameters
-    lacking = [name for name in ("kind", "joints") if name not in config]
+    lacking = [name for name in REQUIRED if name not in config]
     if lacking or not set(config) <= set(known):
         wrong = f"lacks {' and '.join(lacking)}" if lacking else f"has {', '.join(sorted(set(config) - set(known)))}"
         raise ValueError(f"{CONFIG} {wrong}")
@@ -91,7 +137,7 @@ def read_config(path: Path) -> DynamicsModel:
     return DynamicsModel(**config)
 
 
-def is_names(value: object) -> bool:
+def is_names(value: object) -> TypeGuard[list[str]]:
     """Whether a value is a list of strings."""
     return isinstance(value, list) and all(isinstance(name, str) for name in value)
 
@@ -173,18 +219,37 @@ def find_checkpoint(folder: Path) -> Path:
     return inside if (inside / CONFIG).is_file() else folder
 
 
-def check_fits(model: DynamicsModel, dataset: Dataset, folder: Path) -> None:
-    """Check that a checkpoint has the joints, control rate and command quantity of a dataset.
+def check_fits(model: DynamicsModel, other: Dataset | Simulator, folder: Path) -> None:
+    """Check that a checkpoint has the joints, control rate and command quantities of a dataset or an environment.
+
+    Args:
+        model: The checkpoint's model. Without stored kinds, it is only known whether all joints take positions.
+        other: The dataset, or the environment's simulator.
+        folder: The checkpoint's folder, for errors.
 
     Raises:
         JointMismatch: one of them differs.
     """
-    if model.joints != dataset.joints:
+    name, rate = ("dataset", other.fps) if isinstance(other, Dataset) else ("environment", 1 / other.period)
+    trained = f"The checkpoint {folder} was trained"
+    if model.joints != other.joints:
         raise JointMismatch(
-            f"The checkpoint {folder} was trained for the joints {', '.join(model.joints)}; "
-            f"the dataset has {', '.join(dataset.joints)}."
+            f"{trained} for the joints {', '.join(model.joints)}; the {name} has {', '.join(other.joints)}."
         )
-    if abs(model.fps / dataset.fps - 1) > 1e-3:
-        raise JointMismatch(f"The checkpoint {folder} steps at {model.fps:g} Hz, the dataset at {dataset.fps:g} Hz.")
-    if model.commands_effort == dataset.commands_positions:
-        raise JointMismatch(f"The checkpoint {folder} and the dataset take different commands: position and torque.")
+    if abs(model.fps / rate - 1) > 1e-3:
+        raise JointMismatch(
+            f"{trained} at {model.fps:g} Hz; the {name} runs at {rate:g} Hz. Record and train at that rate."
+        )
+    known, kinds = model.provenance.get(KINDS), list(other.kinds)
+    if known is None and model.commands_effort == (set(kinds) == {POSITION}):
+        raise JointMismatch(f"{trained} for other commands than those of the {name}: position and torque or velocity.")
+    if known not in (None, kinds):
+        theirs, ours = (name_commands(model.joints, each) for each in (known, kinds))
+        raise JointMismatch(f"{trained} for the commands {theirs}; the {name} has {ours}.")
+
+
+def name_commands(joints: Sequence[str], kinds: object) -> str:
+    """Return the names of commands, such as m1.pos, m2.effort; a list of kinds from a file may be damaged."""
+    if not is_names(kinds):
+        return str(kinds)[:SHOWN]
+    return ", ".join(joint + kind for joint, kind in zip(joints, kinds, strict=False))

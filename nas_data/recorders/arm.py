@@ -1,5 +1,6 @@
 """Recording of an arm: each episode is saved before the next begins, and the arm is safe at the end."""
 
+import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -16,11 +17,21 @@ from nas_data.recorders.arm_motion import ArmEpisode, ArmMotion
 from nas_data.recorders.arm_plan import MotionPlan
 from nas_data.recorders.arm_tally import RecordingStats
 from nas_data.recorders.guarded import GuardedArm, Setup
-from nas_data.recorders.recording_folder import SAVING, describe_progress
+from nas_data.recorders.recording_folder import SAVING, describe_progress, make_other_recording_error
 from nas_data.recorders.retry import TRANSIENT_ERRORS
 from nas_data.recorders.schedule import Clock
 
 PLAN = "meta/plan.npz"
+SHARED_SETTINGS = {  # names for the user of settings in which two sessions may differ
+    "robot": "robot",
+    "kind": "kind of arm (hardware or virtual)",
+    "effects": "set of effects (--effect)",
+    "ids": "set of servo IDs",
+    "calibration": "calibration",
+    "zero_offsets_ticks": "calibration",
+    "zeros_counts": "zero of a joint (--zero)",
+    "per_count": "direction of a joint (--reverse)",
+}
 TRIES = 3  # attempts at an episode; the last one is kept with missed readings, and raises on a bus error
 
 
@@ -41,8 +52,8 @@ class Job:
     provenance: Provenance
 
 
-def check_arm(driver: Driver) -> None:
-    """Check that an arm can be recorded; nothing moves.
+def check_arm(driver: Driver) -> Mapping[str, object]:
+    """Check that an arm can be recorded, and return its description; nothing moves.
 
     Raises:
         ArmError: the arm cannot be used, with the reason.
@@ -50,8 +61,34 @@ def check_arm(driver: Driver) -> None:
     arm = driver.open(time.monotonic)
     try:
         arm.check()
+        return arm.describe()
     finally:
         arm.close()
+
+
+def check_same_arm(growing: IncrementalWriter, provenance: Provenance) -> None:
+    """Check that a recording is resumed with the arm and the joint frame of its saved episodes.
+
+    Args:
+        growing: The saved episodes.
+        provenance: Origin of the episodes to come, with the description of the arm.
+
+    Raises:
+        OptionError: the arm or its frame differs; the message says in what.
+    """
+    known = read_provenance(growing.root) if growing.episodes else None
+    if known is None:
+        return
+    earlier, now = list_shared_settings(known), list_shared_settings(provenance)
+    other = dict.fromkeys(word for key, word in SHARED_SETTINGS.items() if earlier[key] != now[key])
+    if other:
+        raise make_other_recording_error(growing.root, f"another {' and another '.join(other)}")
+
+
+def list_shared_settings(provenance: Provenance) -> dict[str, object]:
+    """Return the settings that all episodes of a recording must share, by the keys of `SHARED_SETTINGS`."""
+    values = {"robot": provenance.robot, **(provenance.target or {})}
+    return {key: json.loads(json.dumps(values.get(key))) for key in SHARED_SETTINGS}
 
 
 class Settings:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.count_of import count_of
 from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import subtasks
@@ -32,16 +31,17 @@ from nas_data.dataset.recording import Recording
 from nas_data.dataset.transitions import VELOCITIES_DERIVED, estimate_velocities
 from nas_data.dataset.versions import make_parent, resolve
 from nas_data.errors import LogError
-from nas_data.importing.auditing import audit
+from nas_data.importing.auditing import allow, audit
 from nas_data.importing.formats import find_format, is_folder_log
 from nas_data.importing.map import Map
-from nas_data.importing.reading import MIN_ROWS, SUFFIXES, read_log
+from nas_data.importing.reading import SUFFIXES, read_log, refuse_nothing, report_short
 from nas_data.importing.resampling import resample
 from nas_data.importing.unwrapping import unwrap as unwrap_turns
 from nas_data.joint_units import convert_hinge_unit
 from nas_data.visible_files import list_visible_files
 
 MAP_ATTACHMENT = "meta/import_map.toml"
+MIN_TRANSITION_ROWS = 2  # fewest rows with a transition
 VIDEOS = {".mp4", ".mkv"}
 REGISTER = "velocity"  # signal that keeps the measured velocities when the state has derived ones
 
@@ -86,12 +86,19 @@ def import_logs(
     logs = find_logs(paths, mapping)
     for number, log in enumerate(logs, start=1):
         progress(f"{number}/{len(logs)} {log.name}")
-        for recorded in read_log(log, mapping):
+        episodes, left_out = read_log(log, mapping)
+        findings += allow(left_out, mapping)
+        for recorded in episodes:
             recording = _unwrap(recorded, mapping) if unwrap else recorded
             findings += audit(recording, mapping)
             recordings.append(recording)
     raise_audit_errors(findings)
-    ready = [_finish(recording, mapping) for recording in recordings]
+    refuse_nothing(recordings, findings)
+    finished = [_finish(recording, mapping) for recording in recordings]
+    ready = [whole for whole in finished if len(whole) >= MIN_TRANSITION_ROWS]
+    short = [whole for whole in finished if len(whole) < MIN_TRANSITION_ROWS]
+    findings += [report_short(whole, " after resampling", MIN_TRANSITION_ROWS) for whole in short]
+    refuse_nothing(ready, findings)
     dataset, kept = _convert_recordings(ready, mapping), {}
     if mapping.layout.format == "lerobot":
         kept = subtasks([resolve(log) for log in logs])
@@ -171,10 +178,6 @@ def _finish(recording: Recording, mapping: Map) -> Recording:
     whole = replace(recording, signals=signals).align(mapping.alignment)
     if mapping.resample:
         whole = resample(whole, mapping.resample)
-    if len(whole) < MIN_ROWS - 1:
-        raise LogError(
-            f"{recording.label} has {count_of(len(whole), 'row')} after resampling; at least {MIN_ROWS - 1} are needed."
-        )
     if not mapping.derive_velocity:
         return whole
     return replace(whole, velocities=estimate_velocities(whole.positions, mapping.fps))

@@ -10,8 +10,10 @@ from nas_data.errors import PathBlocked
 from nas_data.joint_units import compute_angle_scales
 from nas_data.robots.base import Robot
 from nas_data.simulators.contact import ContactDistances, count_contacts, find_contacts
+from nas_data.simulators.integrals import compute_weight
 from nas_data.simulators.limits import command_limits
 from nas_data.simulators.mujoco import MujocoSimulator
+from nas_data.simulators.poses import complete_poses
 
 CHECK_STEP = 0.02  # [rad] between two collision checks along a path
 CONTACT_TOLERANCE = 0.001  # [m] by which bodies in contact at the start may approach further: readings are whole ticks
@@ -117,17 +119,13 @@ class PathPlanner:
     def sag(self, pose: np.ndarray) -> np.ndarray:
         """Return the gravity sag in a pose [rad], shape (n,): pose minus the command that holds it.
 
-        A servo without integral gain settles where its proportional torque balances gravity, so the sag is gravity's
-        torque divided by the gain.
+        A servo without integral gain settles where its proportional torque balances gravity, so the sag is the torque
+        of the weight divided by the gain.
         """
         model, data, layout = self._simulator.model, self._scratch, self._simulator.layout
-        data.qpos[layout.qpos], data.qvel[:] = pose, 0.0
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_comVel(model, data)
-        torques = np.empty(model.nv)
-        mujoco.mj_rne(model, data, 0, torques)
-        return np.asarray(-torques[layout.dof] / model.actuator_gainprm[layout.control, 0])
+        qpos = complete_poses(model, layout.qpos, layout.followers, pose[None])
+        weight = compute_weight(model, data, qpos, layout.followers)[0]
+        return np.asarray(-weight[layout.dof] / model.actuator_gainprm[layout.control, 0])
 
     def _rest_each_joint(self, pose: np.ndarray) -> list[np.ndarray]:
         """Return copies of a pose, each with another joint at rest."""

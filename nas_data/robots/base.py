@@ -21,6 +21,7 @@ from nas_data.mjcf.check_rest import check_rest
 from nas_data.mjcf.default_servos import add_position_servos, add_torque_motors, find_motor_joints
 from nas_data.mjcf.engine_warnings import collect_warnings, log_warnings
 from nas_data.mjcf.floating_base import find_floating_bases, fix_bases
+from nas_data.mjcf.measured_joints import read_measured_joints
 from nas_data.mjcf.shared_drives import add_shared_drives, find_shared_drives
 from nas_data.visible_files import list_visible_files
 
@@ -190,6 +191,11 @@ def list_actuated_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
     """Return the names of the joints that actuators drive, in the order of the actuators."""
     driven = (find_driven_joint(spec, actuator) for actuator in spec.actuators)
     return tuple(joint for joint in driven if joint is not None)
+
+
+def list_arm_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
+    """Return the measured joints of a marked model, else all joints that actuators drive."""
+    return read_measured_joints(spec) or list_actuated_joints(spec)
 
 
 def find_deepest_joint(spec: mujoco.MjSpec, joints: Sequence[str]) -> str:

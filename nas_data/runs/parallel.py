@@ -114,7 +114,9 @@ def run_all(
 
 def count_cores() -> int:
     """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0))
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1  # macOS has no affinity of processes
 
 
 def make_process_pool(workers: int) -> Executor:

@@ -5,6 +5,7 @@ torque at rest. A joint with the wrong sign in the map shows the opposite sign. 
 joint and of the joints before it in the chain.
 """
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +18,10 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.errors import JointMismatch
 from nas_data.joint_units import compute_angle_scales, group_by_kind
 from nas_data.robots.base import find_robot
+from nas_data.simulators.followers import Followers
+from nas_data.simulators.initial_states import WEIGHTLESS
+from nas_data.simulators.integrals import compute_weight
+from nas_data.simulators.poses import complete_poses
 
 # For slides the lengths below are multiplied by the equivalent of a radian; see `find_radian_equivalent`.
 MARGIN = 0.1  # [rad] tolerated difference between the calibration of a real arm and its model
@@ -198,7 +203,7 @@ class _RestingRows:
         dofs: Index of each joint in `qvel`, shape (n,).
         positions: Measured positions [rad; m], shape (N, n).
         held: Commands minus positions [rad; m], shape (N, n); zero at joints without a position servo.
-        pull: Gravity torque at each joint [N·m; N], shape (N, n).
+        pull: Gravity torque that each joint's servo holds [N·m; N], shape (N, n).
         loaded: Indices of joints with enough load in these rows.
     """
 
@@ -230,7 +235,9 @@ class _RestingRows:
             largest[members] = own[members].max(initial=0.0)
         loaded = []
         for index, joint in enumerate(dataset.joints):
-            loaded_rows = np.abs(pull[:, index]) > max(MIN_TORQUE_SPREAD * own[index], MIN_LOAD_SHARE * largest[index])
+            # without `WEIGHTLESS`, the rounding of a compensated weight would be a load
+            least = max(MIN_TORQUE_SPREAD * own[index], MIN_LOAD_SHARE * largest[index], WEIGHTLESS)
+            loaded_rows = np.abs(pull[:, index]) > least
             step = TICK * find_radian_equivalent(dataset, model, joint)
             if (
                 loaded_rows.sum() >= MIN_RESTING_ROWS
@@ -295,14 +302,9 @@ class _RestingRows:
 def compute_gravity_torques(
     model: mujoco.MjModel, qpos: np.ndarray, dofs: np.ndarray, positions: np.ndarray
 ) -> np.ndarray:
-    """Return the gravity torque at each joint [N·m; N] in postures of shape (N, n), shape (N, n)."""
-    data, pull = mujoco.MjData(model), np.empty(positions.shape)
-    for number, row in enumerate(positions):
-        data.qpos[qpos] = row
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_comVel(model, data)
-        full = np.empty(model.nv)
-        mujoco.mj_rne(model, data, 0, full)
-        pull[number] = full[dofs]
-    return pull
+    """Return the gravity torque that each joint's servo holds [N·m; N] in postures (N, n), shape (N, n)."""
+    light, followers = copy.copy(model), Followers.of(model, dofs)
+    # contacts and limits cost time, and do not change the weight
+    light.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    poses = complete_poses(model, qpos, followers, positions)
+    return compute_weight(light, mujoco.MjData(light), poses, followers)[:, dofs]

@@ -126,6 +126,8 @@ class BulletArm:
         # MuJoCo simulates the servos at PyBullet's state: their torques, delays and setpoints
         self.servos = mujoco.MjData(self.model)
         self.servo_model = copy_without_constraints(self.model)
+        # sites are computed apart, because `servos` holds the positions of goal joints between steps
+        self.kinematics = mujoco.MjData(self.model)
         goals = find_goal_joints(self.model)
         self.goal_qpos, self.goal_dof = self.model.jnt_qposadr[goals], self.model.jnt_dofadr[goals]
         forces = StepForces(
@@ -200,9 +202,9 @@ class BulletArm:
 
     def site_position(self, index: int) -> np.ndarray:
         """Return the world position of a site [m], shape (3,)."""
-        self.servos.qpos[:] = self.world.read()[0]
-        mujoco.mj_kinematics(self.model, self.servos)
-        return self.servos.site_xpos[index].copy()
+        self.kinematics.qpos[:] = self.world.read()[0]
+        mujoco.mj_kinematics(self.model, self.kinematics)
+        return self.kinematics.site_xpos[index].copy()
 
 
 def copy_without_constraints(model: mujoco.MjModel) -> mujoco.MjModel:

@@ -10,7 +10,8 @@ import numpy as np
 from nas_data.effects.base import Effect, add_effects
 from nas_data.effects.edits.hook import StepHook
 from nas_data.errors import JointMismatch, ModelFileError, NasError
-from nas_data.robots.base import Robot
+from nas_data.mjcf.measured_joints import mark_measured_joints
+from nas_data.robots.base import Robot, list_actuated_joints
 from nas_data.simulators.hooks import find_hooks
 from nas_data.simulators.layout import Layout
 from nas_data.simulators.lock_joints import has_unmeasured_joints, lock_unmeasured_joints, refuse_ground_contact
@@ -59,6 +60,7 @@ class CompiledRobot:
         substeps = max(1, math.ceil(period / spec.option.timestep - 1e-6))
         spec.option.timestep = period / substeps
         joints = joints or robot.joints
+        mark_measured_joints(spec, joints, list_actuated_joints(spec))
         if not robot.adapted and has_unmeasured_joints(spec, joints):
             lock_unmeasured_joints(spec, joints, str(robot.mjcf), commanded=True)
         try:

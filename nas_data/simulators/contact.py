@@ -5,6 +5,7 @@ import numpy as np
 
 from nas_data.mjcf.free_bodies import find_free_bodies
 from nas_data.simulators.mujoco import MujocoSimulator
+from nas_data.simulators.poses import complete_poses
 
 MIN_OVERLAP = 0.002  # [m] bodies that touch each other, or rest on each other, overlap less
 LASTING_SHARE = 0.9  # least share of poses with an overlap
@@ -14,11 +15,11 @@ ContactDistances = dict[tuple[str, str], float]
 
 
 def count_contacts(simulator: MujocoSimulator, positions: np.ndarray) -> np.ndarray:
-    """Return the number of contacts, shape (N,), in poses [rad], shape (N, n)."""
+    """Return the number of contacts, shape (N,), in poses [rad; m], shape (N, n)."""
     data = mujoco.MjData(simulator.model)
     counts = np.empty(len(positions), int)
-    for row, pose in enumerate(positions):
-        _compute_contacts(simulator, data, pose)
+    for row, qpos in enumerate(_complete_poses(simulator, positions)):
+        _compute_contacts(simulator.model, data, qpos)
         counts[row] = data.ncon
     return counts
 
@@ -28,11 +29,11 @@ def find_contacts(simulator: MujocoSimulator, pose: np.ndarray, data: mujoco.MjD
 
     Args:
         simulator: Simulator with the model.
-        pose: Joint positions [rad], shape (n,).
+        pose: Joint positions [rad; m], shape (n,).
         data: Scratch data, to save the time of its creation; created if None.
     """
     data, found = mujoco.MjData(simulator.model) if data is None else data, ContactDistances()
-    _compute_contacts(simulator, data, pose)
+    _compute_contacts(simulator.model, data, _complete_poses(simulator, pose[None])[0])
     for contact in data.contact:
         pair = (_find_body_name(simulator, contact.geom1), _find_body_name(simulator, contact.geom2))
         found[pair] = min(found.get(pair, np.inf), float(contact.dist))
@@ -49,13 +50,10 @@ def find_lasting_overlaps(simulator: MujocoSimulator, positions: np.ndarray) -> 
     Returns:
         Smallest distance in any pose [m]; pairs with an object that moves freely are left out.
     """
-    model, data, followers = simulator.model, mujoco.MjData(simulator.model), simulator.layout.followers
+    model, data = simulator.model, mujoco.MjData(simulator.model)
     free, found = find_free_bodies(model), dict[tuple[int, int], list[float]]()
-    for pose in positions:
-        data.qpos[simulator.layout.qpos] = pose
-        if followers is not None:
-            followers.place(data.qpos[None], data.qvel[None])
-        _compute_contacts(simulator, data, pose)
+    for qpos in _complete_poses(simulator, positions):
+        _compute_contacts(model, data, qpos)
         depths: dict[tuple[int, int], float] = {}
         for contact in data.contact:
             one, other = sorted(int(body) for body in model.geom_bodyid[contact.geom])
@@ -70,12 +68,18 @@ def find_lasting_overlaps(simulator: MujocoSimulator, positions: np.ndarray) -> 
     }
 
 
-def _compute_contacts(simulator: MujocoSimulator, data: mujoco.MjData, pose: np.ndarray) -> None:
-    """Compute the contacts of a pose [rad], shape (n,), in `data`."""
-    data.qpos[simulator.layout.qpos] = pose
-    mujoco.mj_kinematics(simulator.model, data)
-    mujoco.mj_comPos(simulator.model, data)
-    mujoco.mj_collision(simulator.model, data)
+def _complete_poses(simulator: MujocoSimulator, poses: np.ndarray) -> np.ndarray:
+    """Return all positions of a simulator's model in poses [rad; m], shape (N, n); shape (N, nq)."""
+    layout = simulator.layout
+    return complete_poses(simulator.model, layout.qpos, layout.followers, poses)
+
+
+def _compute_contacts(model: mujoco.MjModel, data: mujoco.MjData, qpos: np.ndarray) -> None:
+    """Compute the contacts at positions (nq,) in `data`."""
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_collision(model, data)
 
 
 def _find_body_name(simulator: MujocoSimulator, geom: int) -> str:

@@ -143,11 +143,11 @@ class Followers:
         return solve_least_norm(jacobian[..., self.dofs], -np.einsum("bij,bj->bi", jacobian, others))
 
     def velocity_jacobian(self, qpos: np.ndarray) -> np.ndarray:
-        """Return ∂q̇_f/∂q̇ at one posture (nq,), shape (f, nv); the followers' own columns are zero."""
-        _, jacobian = self.constraints(qpos[None])
-        result = -np.linalg.pinv(jacobian[0][:, self.dofs], rcond=CUTOFF) @ jacobian[0]
-        result[:, self.dofs] = 0.0
-        return np.asarray(result)
+        """Return ∂q̇_f/∂q̇ at postures (…, nq), shape (…, f, nv); the followers' own columns are zero."""
+        _, jacobian = self.constraints(qpos.reshape(-1, qpos.shape[-1]))
+        result = -np.linalg.pinv(jacobian[..., self.dofs], rcond=CUTOFF) @ jacobian
+        result[..., self.dofs] = 0.0
+        return np.asarray(result.reshape(*qpos.shape[:-1], *result.shape[1:]))
 
     def measure_slack(self, qpos: np.ndarray, qvel: np.ndarray) -> Slack:
         """Return the followers' deviation from the constraints at positions (B, nq) and velocities (B, nv)."""

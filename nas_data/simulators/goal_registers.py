@@ -18,7 +18,7 @@ from nas_data.effects.edits.servo import (
     read_torque_limit,
 )
 from nas_data.effects.speed_limit import SpeedLimit
-from nas_data.mjcf.actuator_lookup import DRIVE, GAIN, ON_JOINT, PROFILE
+from nas_data.mjcf.actuator_lookup import DRIVE, GOAL_GAIN, ON_JOINT, PROFILE
 from nas_data.simulators.register_changes import RegisterChange, Setting
 
 FASTEST = SpeedLimit.parameters[0].high  # [rad/s] a limit above it is none
@@ -191,7 +191,7 @@ class LeastOutput(RegisterChange):
 
 def read_goal_band(spec: mujoco.MjSpec, joint: str) -> tuple[float, float]:
     """Return the half width of a servo's dead band [rad] and its start torque [N·m]; 0 for none."""
-    return read_band(spec, joint) if spec.actuator(joint + GAIN) is not None else (0.0, 0.0)
+    return read_band(spec, joint) if spec.actuator(joint + GOAL_GAIN) is not None else (0.0, 0.0)
 
 
 def find_goal_obstacle(spec: mujoco.MjSpec, joint: str) -> str:

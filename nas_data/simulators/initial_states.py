@@ -6,7 +6,7 @@ from enum import IntEnum
 import mujoco
 import numpy as np
 
-from nas_data.mjcf.actuator_lookup import BAND, DIRECT, GAIN, GOAL, START, START_BAND, find_slow_goals
+from nas_data.mjcf.actuator_lookup import BAND, DIRECT, GOAL, GOAL_GAIN, START, START_BAND, find_slow_goals
 from nas_data.mjcf.stop_stiffness import compute_stop_stiffness
 from nas_data.simulators.controls import CONTROLLERS, read_length_feedback
 from nas_data.simulators.integrals import Integrals, compute_weight
@@ -73,7 +73,8 @@ def find_goal_servo(model: mujoco.MjModel, joint: int) -> GoalServo | None:
     """Return the servo of a joint, if it has a goal joint; else None."""
     name = model.joint(joint).name
     gain, *parts = (
-        mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name + part) for part in (GAIN, BAND, START, START_BAND)
+        mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name + part)
+        for part in (GOAL_GAIN, BAND, START, START_BAND)
     )
     if gain < 0:
         return None
@@ -141,7 +142,8 @@ class SettledStates:
         followers = self.layout.followers
         if followers is not None:
             followers.place(data.qpos[None], data.qvel[None], from_reference=True)
-        loads = self.compute_loads(compute_weight(model, data, self.layout), initial_loads)
+        weight = compute_weight(model, data, data.qpos[None].copy(), followers)[0]
+        loads = self.compute_loads(weight, initial_loads)
         for index in range(n):
             self.load_transmission(index, float(loads[index]))
         integrals = self.integrals.compute_held(loads)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from nas_data.simulators.followers import Followers
 from nas_data.simulators.layout import Layout
 
 HELD_SECONDS = 10.0  # [s] for which an arm at rest has held its posture
@@ -58,13 +59,26 @@ class Integrals:
         return np.clip(self.share * (loads[self.joints] - self.constant) / self.gain, -self.most, self.most)
 
 
-def compute_weight(model: mujoco.MjModel, data: mujoco.MjData, layout: Layout) -> np.ndarray:
-    """Return the gravity torques that the servos of an arm at rest in a posture hold [N m; N], shape (nv,).
+def compute_weight(
+    model: mujoco.MjModel, data: mujoco.MjData, qpos: np.ndarray, followers: Followers | None
+) -> np.ndarray:
+    """Return the gravity torques that the servos of an arm at rest hold [N m; N], shape (N, nv).
 
-    Gravity compensation carries its part, and constraints transmit the weight of followers to the measured joints.
+    Gravity compensation carries its part, and constraints transmit the weight of followers to the measured joints:
+    with the gravity torques g, the servos hold g + (∂q̇_f/∂q̇)ᵀ g_f.
+
+    Args:
+        model: Compiled model.
+        data: Scratch data with velocities of zero.
+        qpos: Positions with the followers in place, shape (N, nq).
+        followers: Joints that constraints tie to the measured ones; None if there are none.
     """
-    mujoco.mj_forward(model, data)
-    weight = data.qfrc_bias - data.qfrc_gravcomp
-    if layout.followers is not None:
-        weight += layout.followers.velocity_jacobian(data.qpos).T @ weight[layout.followers.dofs]
-    return np.asarray(weight)
+    weight = np.empty((len(qpos), model.nv))
+    for row, positions in zip(weight, qpos, strict=True):
+        data.qpos[:] = positions
+        mujoco.mj_forward(model, data)
+        row[:] = data.qfrc_bias - data.qfrc_gravcomp
+    if followers is not None:
+        carried = followers.velocity_jacobian(qpos).transpose(0, 2, 1) @ weight[:, followers.dofs, None]
+        weight += carried[..., 0]
+    return weight

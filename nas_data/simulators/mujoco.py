@@ -1,7 +1,6 @@
 """MuJoCo as a simulator: batched one-step predictions and open-loop rollouts of one model."""
 
 import copy
-import os
 import threading
 from collections.abc import Iterable, Sequence
 from functools import cached_property
@@ -15,6 +14,7 @@ from nas_data.effects.base import Effect
 from nas_data.errors import ModelFileError
 from nas_data.mjcf.engine_warnings import collect_instability
 from nas_data.robots.base import Robot, find_robot
+from nas_data.runs.parallel import count_cores
 from nas_data.simulators.compiled import CompiledRobot
 from nas_data.simulators.hooks import ServoShutdown, roll_out_with_hooks
 from nas_data.simulators.initial_states import InitialLoad, SettledStates
@@ -66,7 +66,7 @@ class MujocoSimulator:
         self.kinds = self.layout.kinds
         self.remembers = self.compiled.remembers
         self.object_feature = self.layout.objects.feature
-        self.threads = len(os.sched_getaffinity(0)) if threads is None else threads
+        self.threads = count_cores() if threads is None else threads
         self._state_spec = INTEGRATION if self.hooks else FULLPHYSICS
         pooled = self.threads if self.threads > 1 else 0
         self._pool = find_pool(pooled)

@@ -97,9 +97,11 @@ class MujocoStepper:
     def set_states(self, states: np.ndarray) -> None:
         """Move the servos so that the measured state becomes `states`; hidden joints, such as play, keep theirs.
 
-        Followers are moved along, and keep their deviation from the constraints (see `Slack`).
+        Followers are moved along, and keep their deviation from the constraints (see `Slack`). A simulation that
+        diverged stays so until it is reset.
         """
         change = states - self.states
+        change[~np.isfinite(change).all(axis=1)] = 0.0
         n = len(self.joints)
         qpos, dof, _ = self._servos
         followers = self.layout.followers

@@ -15,7 +15,7 @@ from nas_data.robots.ergojr import VELOCITY_QUANTUM
 from nas_data.simulators.goal_registers import DeadZone, GoalAcceleration, GoalSpeed, LeastOutput
 from nas_data.simulators.register_changes import RegisterChange, RegisterRatio, Unusable
 
-GAIN, TORQUE = "p_gain", "torque_limit"
+P_GAIN, TORQUE = "p_gain", "torque_limit"
 SPEED_UNIT = VELOCITY_QUANTUM  # [rad/s] of the register moving_speed; XL-320 e-manual
 STEP = 2 * math.pi / 4096  # [rad] of the STS3215's positions, speeds and dead zones; Feetech's memory table
 STEEP_STEP = 100 * STEP  # [rad/s²] of the STS3215's acceleration; Feetech's memory table
@@ -103,9 +103,9 @@ KINDS = {
     kind.name: kind
     for kind in (
         RegisterKind(
-            name=GAIN,
+            name=P_GAIN,
             words="position gain",
-            read=read_lowest(GAIN, "P_Coefficient", "Position_P_Gain"),
+            read=read_lowest(P_GAIN, "P_Coefficient", "Position_P_Gain"),
             change=RegisterRatio("position gain", scale_stiffness),
             is_positive=True,
         ),

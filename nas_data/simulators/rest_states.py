@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from nas_data.dataset.features import VELOCITY
-from nas_data.mjcf.actuator_lookup import DAMPING, GAIN, find_driving_actuators, find_slow_goals
+from nas_data.mjcf.actuator_lookup import DAMPING, GOAL_GAIN, find_driving_actuators, find_slow_goals
 from nas_data.simulators.controls import read_length_feedback
 from nas_data.simulators.followers import Slack
 from nas_data.simulators.integrals import Integrals, compute_weight
@@ -113,9 +113,8 @@ class RestStates:
     def _wind_integrals(self, full: np.ndarray) -> None:
         """Set the integral parts of servos in full states (B, size) to those that hold the arm's weight."""
         places = self.setpoints[-len(self.integrals.joints) :]
-        for row, positions in zip(full, self.motion(full)[0], strict=True):
-            self.scratch.qpos = positions
-            weight = compute_weight(self.scratch.model, self.scratch, self.layout)
+        weights = compute_weight(self.scratch.model, self.scratch, self.motion(full)[0], self.layout.followers)
+        for row, weight in zip(full, weights, strict=True):
             row[places] = self.integrals.compute_held(weight[self.layout.dof])
 
     def _set_objects(self, full: np.ndarray, states: np.ndarray) -> None:
@@ -210,7 +209,7 @@ def compute_goal_leads(model: mujoco.MjModel) -> np.ndarray:
         damper = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name + DAMPING)
         damping = float(model.dof_damping[model.jnt_dofadr[joint]])
         damping -= float(model.actuator_biasprm[damper, 2]) if damper >= 0 else 0.0
-        leads.append(-damping / float(model.actuator(name + GAIN).biasprm[1]))
+        leads.append(-damping / float(model.actuator(name + GOAL_GAIN).biasprm[1]))
     return np.array(leads)
 
 

@@ -12,6 +12,7 @@ from typing import ClassVar
 
 import gymnasium
 import numpy as np
+import pandas
 import pytest
 from support.recording_samples import pendulum, wander
 from support.report_samples import gap_report
@@ -177,6 +178,23 @@ def test_each_joint_may_be_commanded_in_a_kind_of_its_own():
     assert made.features["action"].units == ("rad", "N", "rad/s")
 
 
+def test_a_table_and_rows_of_one_joint_are_taken_as_arrays(log):
+    positions, commands = log["positions"][0], log["commands"][0]
+    wanted = nas.Dataset.from_arrays(positions, commands, rate=50, joints=JOINTS, times=np.arange(71) / 50)
+    rows = [column[:, 0] for column in (positions, commands)]
+    tables = [pandas.DataFrame(column, index=range(9, 9 + len(column))) for column in rows]
+    clock = pandas.Series(np.arange(71) / 50, index=range(9, 80))
+    for given, times in (
+        (rows, clock),
+        ([column.tolist() for column in rows], clock.tolist()),
+        (tables, clock),
+        ([[table] for table in tables], [clock]),
+    ):
+        made = nas.Dataset.from_arrays(*given, rate=50, joints=JOINTS, times=times)
+        for key, column in wanted.columns.items():
+            np.testing.assert_array_equal(made.columns[key], column)
+
+
 @pytest.mark.parametrize(
     ("changes", "error", "words"),
     [
@@ -189,6 +207,17 @@ def test_each_joint_may_be_commanded_in_a_kind_of_its_own():
         ({"commands": np.zeros((4, 60, 1))}, DatasetInvalid, "71 rows of positions and 60 of commands"),
         ({"commands": np.zeros((3, 70, 1))}, DatasetInvalid, "positions are of 4 episodes, the commands of 3"),
         ({"positions": np.full((4, 71, 1), np.nan)}, DatasetInvalid, "in memory.* is nan in episode 0"),
+        (
+            {"positions": []},
+            DatasetInvalid,
+            r"positions has no rows \(shape \(0, 1\)\); leave it out, or give its rows",
+        ),
+        ({"commands": np.empty((0, 70, 1))}, DatasetInvalid, "commands has no rows"),
+        ({"positions": [np.zeros((71, 1)), np.zeros((0, 1))]}, DatasetInvalid, "positions has no rows"),
+        ({"times": []}, DatasetInvalid, "times has no rows"),
+        ({"positions": [np.zeros(70), np.zeros(30)]}, DatasetInvalid, "positions are not numbers in rows of 1"),
+        ({"commands": [["up"], ["down"]]}, DatasetInvalid, "commands are not numbers"),
+        ({"tasks": ["swing"]}, DatasetInvalid, "1 task for 4 episodes; give one for each, or none"),
     ],
 )
 def test_arrays_that_cannot_be_are_refused_in_a_sentence(log, changes, error, words):
@@ -415,6 +444,7 @@ def test_models_say_how_they_were_trained_and_are_saved(page, ds, arm):
     assert phi.history[-1]["update"] == 2
     assert "source + φ" in phi.held_out.open_loop
     again = nas.LearnedModel.load(page["place"] / "runs/phi")
+    assert again.network.provenance["kinds"] == [".pos"]
     given = {"model": arm, "plain_fit": False}
     first, second = (nas.evaluate(one, ds, **given) for one in (phi, again))
     assert first.to_json() == second.to_json()

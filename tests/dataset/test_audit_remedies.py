@@ -16,6 +16,7 @@ from nas_data.dataset import layout
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION, STATE, TIME, make_position_feature, make_state_feature, make_time_feature
 from nas_data.dataset.provenance import Provenance
+from nas_data.dataset.read import read
 from nas_data.dataset.write import write
 
 Columns = Mapping[str, np.ndarray]
@@ -330,6 +331,30 @@ def test_an_episode_with_wrong_readings_is_split_off_as_is_said(here, capsys):
     assert "remove the rows, or the episode (nas split --episodes)" in verify(capsys, "both")
     assert main(["split", "both", "--episodes", "0", "--names", "kept", "rest"]) == 0
     assert "remove the rows" not in verify(capsys, "datasets/kept")
+
+
+def test_a_finding_that_was_allowed_is_allowed_in_all_that_is_made_from_the_import(here, capsys):
+    fast = edited(t=lambda time: time / 1.1)
+    assert import_logs(here, [fast, fast], map_text(extra='[audit]\nallow = ["rate"]'), "both") == 0
+    assert main(["split", "both", "--episodes", "0", "--names", "one", "other"]) == 0
+    assert main(["merge", "datasets/one", "datasets/other", "--out", "merged"]) == 0
+    loaded = nas.Dataset.load("merged")
+    changed = loaded.with_column(ACTION, loaded.features[ACTION], loaded.commands * np.float32(0.9)).save("edited")
+    for root in ("both", "datasets/one", "merged", str(changed)):
+        assert nas.Dataset.load(root).n_episodes == (1 if "one" in root else 2)
+        said = verify(capsys, root)
+        assert "come at 55 Hz" in said and "problem" not in said.splitlines()[0], said
+
+
+def test_recordings_with_a_stall_are_usable_once_merged_and_those_of_other_tools_are_not(here):
+    for root in ("ours", "theirs"):
+        foreign(edited(t=shifted(40, 0.5)), root)
+    write(read(Path("ours")), Path("recorded"), Provenance(how="hardware", robot="arm2", contiguous=True))
+    assert main(["merge", "recorded", "recorded", "--out", "merged"]) == 0
+    assert nas.Dataset.load("merged").n_episodes == 4
+    assert main(["merge", "theirs", "theirs", "--out", "unknown"]) == 0
+    with pytest.raises(nas.NasError, match="nas import unknown divides the episodes there"):
+        nas.Dataset.load("unknown")
 
 
 # Datasets of other tools: the warnings of every command, and nas verify

@@ -18,7 +18,7 @@ from nas_data.dataset import layout
 from nas_data.dataset.content import hash_content
 from nas_data.dataset.derive_provenance import Original
 from nas_data.dataset.features import ACTION, SIM_STATE, STATE, Feature
-from nas_data.dataset.merge import merge
+from nas_data.dataset.merge import concatenate, merge
 from nas_data.dataset.pack import pack
 from nas_data.dataset.provenance import Parent, read_provenance
 from nas_data.dataset.read import read
@@ -130,10 +130,6 @@ UNLIKE = {
     "is of the robot 'so101'": (DatasetInvalid, lambda d: replace(d, robot_type="so101")),
     "lacks 'nas.load'": (DatasetInvalid, with_feature),
     "'action' has units rad in .* and not stored in": (DatasetInvalid, without_units),
-    "lacks 'next.observation.sim_state'.*nas pair": (
-        DatasetInvalid,
-        lambda d: d.with_column(SIM_STATE, d.features[STATE], d.next_states),
-    ),
 }
 
 
@@ -184,6 +180,19 @@ def test_merging_says_what_is_doubtful(folder, capsys):
     assert main(["merge", str(a.root), str(b.root)]) == 0
     text = capsys.readouterr().out
     assert "no single known source" in text and "It holds 1 episode more than once" in text
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_predictions_that_a_part_lacks_are_left_out(folder, capsys, first):
+    paired = recorded().with_column(SIM_STATE, recorded().features[STATE], recorded().next_states)
+    parts = [original(paired, replace(SIMULATED, source={"name": "x"})), original(recorded(seed=1))]
+    parts = parts[first:] + parts[:first]
+    assert main(["merge", *(str(part.root) for part in parts), "--out", "both"]) == 0
+    assert "'next.observation.sim_state' is left out" in capsys.readouterr().out
+    assert not read(Path("both")).paired and read_provenance(Path("both")).source is None
+    assert read_provenance(Path("both")).parents == tuple(part.parent for part in parts)
+    measured = [read(part.root).without_columns({SIM_STATE}) for part in parts]
+    assert same(read(Path("both")), concatenate(measured))
 
 
 @pytest.mark.parametrize(("share", "size"), [(0.8, 8), (0.01, 1), (0.99, 9), (0.5, 5)])

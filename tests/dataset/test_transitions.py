@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from support.dataset_samples import recorded
 
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.external import audit_external
 from nas_data.dataset.features import (
     ACTION,
     NEXT_STATE,
@@ -19,8 +20,12 @@ from nas_data.dataset.features import (
     make_position_feature,
     make_state_feature,
 )
+from nas_data.dataset.layout import PROVENANCE
+from nas_data.dataset.provenance import Provenance
 from nas_data.dataset.transitions import as_transitions, estimate_velocities
+from nas_data.dataset.write import write
 from nas_data.errors import DatasetInvalid, JointMismatch
+from nas_data.importing.lerobot import ImportOptions, import_dataset
 
 JOINTS = ("a", "b")
 REAL = Path(__file__).parents[3] / "shared/realdata/sage_so101"
@@ -84,6 +89,16 @@ def test_episodes_of_one_frame_are_dropped_with_their_task():
     assert (done.lengths.tolist(), done.tasks) == ([3, 2], ("x", "z"))
     with pytest.raises(DatasetInvalid, match="single frame"):
         as_transitions(positions_only(lengths=(1, 1)))
+
+
+def test_an_episode_of_one_frame_is_named_where_a_dataset_is_read(tmp_path):
+    dataset = replace(positions_only(lengths=(9, 1, 6)), tasks=("x", "y", "z"))
+    write(dataset, tmp_path / "d", Provenance(how="simulated"))
+    (tmp_path / "d" / PROVENANCE).unlink()
+    done, _, warnings = audit_external(tmp_path / "d", dataset)
+    assert done.lengths.tolist() == [8, 5]
+    assert any("in episode 1 there is a single frame, which makes no transition" in said for said in warnings)
+    assert any("episode 1" in finding.file for finding in import_dataset(tmp_path / "d", ImportOptions())[2])
 
 
 def test_recorded_velocities_are_kept():

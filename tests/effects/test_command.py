@@ -35,6 +35,7 @@ def test_what_machines_are_told_makes_effects():
         largest = {parameter["name"]: parameter["high"] for parameter in entry["parameters"]}
         assert make_effect(entry["effect"], joint, largest).name() == entry["effect"]
         assert entry["meaning"].endswith(".")
+    assert {entry["effect"] for entry in told if not entry["searched"]} == {"object_mass", "object_friction"}
 
 
 def test_an_unknown_effect_is_answered_with_those_there_are():

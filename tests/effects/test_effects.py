@@ -164,9 +164,13 @@ def swap_angle_unit(spec: mujoco.MjSpec) -> None:
             joint.range, joint.ref, joint.springref = (convert(v) for v in (joint.range, joint.ref, joint.springref))
 
 
+@pytest.mark.parametrize("joint", ["hinge", "slide"])
 @pytest.mark.parametrize("name", NAMES)
-def test_an_effect_is_the_same_in_a_model_in_degrees(name):
+def test_an_effect_is_the_same_in_a_model_in_degrees(name, joint):
     given, swapped = (find_robot(scene(name)).spec() for _ in range(2))
+    for spec in (given, swapped):
+        if joint == "slide" and find_effect(name).per_joint:
+            spec.joint(JOINT).type = mujoco.mjtJoint.mjJNT_SLIDE
     swap_angle_unit(swapped)
     for spec in (given, swapped):
         add_effects(spec, [typical(name)])
@@ -176,7 +180,7 @@ def test_an_effect_is_the_same_in_a_model_in_degrees(name):
         data.ctrl[:] = 0.3
         mujoco.mj_step(data.model, data, 200)
         ends.append(data.qpos)
-    assert ends[1] == pytest.approx(ends[0], abs=1e-6), "edits.series.to_file_unit converts an angle for the model"
+    assert ends[1] == pytest.approx(ends[0], abs=1e-6), "edits.series.to_file_unit converts a position for the model"
 
 
 def reading(angles: np.ndarray) -> np.ndarray:
@@ -212,6 +216,14 @@ def test_each_parameter_is_found_again_in_a_noisy_recording(name, parameter):
         grid = found + spacing * np.arange(-2, 3)
         found = float(grid[np.argmin([misfit(point) for point in grid])])
     assert abs(found) < 0.05
+
+
+def test_gravity_compensation_carries_a_payload_in_any_order_and_no_object():
+    effects = [typical("payload"), typical("gravity_compensation")]
+    for added in (effects, effects[::-1]):
+        spec = find_robot(str(TABLE)).spec()
+        add_effects(spec, added)
+        assert spec.body("payload").gravcomp == 0.5 and spec.body("puck").gravcomp == 0
 
 
 SERVO_EFFECTS = ("backlash", "speed_limit", "command_delay", "servo_stiffness", "joint_offset", "torque_limit")

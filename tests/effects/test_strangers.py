@@ -18,6 +18,7 @@ from nas_data.gap.nominal import Nominal
 from nas_data.gap.nominal_parameters import list_base_parameters
 from nas_data.gap.search.scales import estimate_scales
 from nas_data.mjcf.bake_inertia import bake_inertia
+from nas_data.mjcf.measured_joints import read_measured_joints
 from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
 
@@ -186,6 +187,26 @@ def test_a_payload_is_at_the_outermost_joint_in_whatever_order_actuators_are_lis
     nominal = Nominal(find_robot("ergojr"), full, full, order, 0.01, list_base_parameters(full, order))
     nominal = replace(nominal, robot=replace(nominal.robot, joints=order))
     assert {each.mass for each in estimate_scales(nominal, evidence, evidence.measured)} == {0.7}
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_payload_and_gravity_compensation_belong_to_the_measured_arm(side: str, tmp_path):
+    link = '<body name="{0}_link" pos="{1} 0 0.1"><joint name="{0}" axis="0 1 0"/><geom size="0.02"/></body>'
+    servos = "".join(f'<position joint="{each}" kp="1"/>' for each in ("left", "right"))
+    arms = link.format("left", -1) + link.format("right", 1)
+    path = tmp_path / "arms.xml"
+    path.write_text(f"<mujoco><worldbody>{arms}</worldbody><actuator>{servos}</actuator></mujoco>")
+    effects = [typical("payload"), typical("gravity_compensation")]
+    model = MujocoSimulator(find_robot(path), 0.01, (side,), effects=effects).model
+    assert model.body(int(model.body("payload").parentid[0])).name == f"{side}_link"
+    carried = [model.body(body).name for body in np.flatnonzero(model.body_gravcomp)]
+    assert carried == [f"{side}_link", "payload"]
+
+    evidence = EpisodeBatch(
+        (side,), 0.01, np.zeros((1, 1)), *np.zeros((2, 1, 20, 1)), np.ones((1, 20), bool), np.zeros(1)
+    )
+    spec = Nominal.load(path, evidence).make_spec({})
+    assert read_measured_joints(mujoco.MjSpec.from_string(spec.to_xml())) == (side,)
 
 
 def puck_contact(spec: mujoco.MjSpec) -> tuple[float, ...]:

@@ -1,5 +1,6 @@
 """Environments: checkers pass on all, one arm and many agree, seeds fix everything, wrong names are explained."""
 
+import json
 import warnings
 from pathlib import Path
 
@@ -231,10 +232,23 @@ def test_the_reward_of_a_learned_environment_comes_from_the_corrected_state(tmp_
 
 
 def test_a_checkpoint_of_another_rate_or_robot_is_refused(tmp_path):
-    with pytest.raises(CheckpointError, match=r"50 Hz.*100 Hz"):
+    with pytest.raises(JointMismatch, match=r"50 Hz.*100 Hz"):
         DynamicsSpec("ErgoReacher", checkpoint=small_model(tmp_path / "slow", fps=50.0)).stepper(1)
     with pytest.raises(JointMismatch, match="left, right"):
         DynamicsSpec("ErgoReacher", checkpoint=small_model(tmp_path / "other", joints=("left", "right"))).check()
+
+
+def test_a_checkpoint_of_other_commands_is_refused(tmp_path):
+    folder = Path(small_model(tmp_path / "psi", kind="forward"))
+    config = json.loads((folder / "config.json").read_text())
+    kinds = [".pos"] * (len(TASK.joints) - 1)
+    for last, effort in ((".pos", False), (".vel", True)):
+        changed = {**config, "commands_effort": effort, "provenance": {"kinds": [*kinds, last]}}
+        (folder / "config.json").write_text(json.dumps(changed))
+        if last == ".pos":
+            DynamicsSpec("ErgoReacher", checkpoint=str(folder)).check()
+    with pytest.raises(JointMismatch, match=rf"{TASK.joints[-1]}\.vel; the environment has .*{TASK.joints[-1]}\.pos"):
+        DynamicsSpec("ErgoReacher", checkpoint=str(folder)).check()
 
 
 def test_a_correction_of_another_source_is_refused(tmp_path):

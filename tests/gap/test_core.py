@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from support.evidence_samples import JOINTS, QUANTUM, commanded, measured
+from support.typical_effects import typical
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.noise import estimate_noise, find_quantisation_step, median
@@ -17,10 +19,12 @@ from nas_data.dataset.versions import resolve
 from nas_data.effects.base import parse
 from nas_data.envs.base import find_task
 from nas_data.errors import DatasetInvalid
+from nas_data.gap.compose import find_stability
 from nas_data.gap.episode_batch import EpisodeBatch, cut_windows, split_episodes
 from nas_data.gap.floor import estimate_noise_floor, measure_step_errors
 from nas_data.gap.nominal import Nominal, find_fine_timestep
 from nas_data.gap.nominal_parameters import list_base_parameters
+from nas_data.gap.search.final import list_parameters
 from nas_data.gap.search.fit import fit, solve_bounded
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters
@@ -297,3 +301,17 @@ def test_the_written_model_says_in_plain_mujoco_what_was_fitted(tmp_path):
 )
 def test_verdicts(before: list[float], after: list[float], effects: int, expected: str):
     assert decide_verdict(np.array(before), np.array(after), effects) == expected
+
+
+def test_a_plain_fit_that_adds_effects_is_no_retuned_model():
+    assert decide_verdict(np.array([4.0]), np.array([1.0]), named=0, added=2) == "unexplained"
+
+
+def test_stability_is_unknown_where_a_named_joint_has_no_two_halves():
+    named = SimpleNamespace(stable={"a": False}, findings=[SimpleNamespace(effect=typical("backlash", "b"))])
+    assert [find_stability(named, joint) for joint in "abc"] == [False, None, True]
+
+
+def test_a_parameter_without_an_interval_has_none():
+    (entry,) = list_parameters(typical("viscous_friction"), {}, {}).values()
+    assert entry["interval95"] is None

@@ -7,9 +7,14 @@ from pathlib import Path
 import mujoco
 import pytest
 from support.delivery_samples import PARTS, arm, delivered, nominal
+from support.two_joint_arm import ARM, recorded
 
 from nas_data.effects.base import Effect, make_effect
 from nas_data.errors import ModelFileError
+from nas_data.gap.compose import measure_gap
+from nas_data.gap.problem import Problem
+from nas_data.gap.score_model import lengthen_timestep, predict_held, score_model
+from nas_data.gap.search.final import FinalFit
 from nas_data.gap.write_model import write_model
 from nas_data.mjcf.export import check_portable, write_portable
 from nas_data.robots.base import find_robot
@@ -49,8 +54,6 @@ def test_files_that_cannot_be_found_are_left_out_where_nothing_touches(tmp_path:
 
 
 def test_a_model_that_cannot_be_written_is_refused_before_the_search(tmp_path: Path, monkeypatch, capsys):
-    from support.two_joint_arm import recorded
-
     from nas_data.cli import main
 
     path = arm(tmp_path / "given")
@@ -110,3 +113,15 @@ def test_a_folder_is_answered_with_a_model_in_it(tmp_path: Path, monkeypatch):
     (tmp_path / "ergojr").mkdir()
     monkeypatch.chdir(tmp_path)
     assert find_robot("ergojr").name == "ergojr"
+
+
+def test_a_plain_fit_that_diverges_on_held_out_episodes_ends_no_report(tmp_path: Path):
+    (tmp_path / "arm.xml").write_text(ARM)
+    problem = Problem.load(recorded(tmp_path / "arm.xml", tmp_path / "data", "--episodes", "2"), tmp_path / "arm.xml")
+    given, wild = FinalFit((), {}, ()), FinalFit((), {"elbow.damping": -1e4}, ())
+    assert not predict_held(problem, wild).is_finite
+    outcome = score_model(problem, given, given, wild, tmp_path)
+    gap = measure_gap(problem.held, outcome)
+    assert gap.plain is None and gap.per_joint["elbow"].plain is None
+    assert gap.after == pytest.approx(gap.before)
+    assert lengthen_timestep(problem, wild, problem.held.nominal) is problem.held.nominal

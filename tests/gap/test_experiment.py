@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.command_samples import done
+from support.simulator_samples import COUPLED_FINGERS
 from support.two_joint_arm import ARM
 
 from nas_data.command_file import check_limits, read_commands
@@ -174,6 +175,14 @@ def test_an_experiment_that_hits_the_floor_is_seen_to():
     up = room.ramp(room.pose, np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]), 1.0)
     harmless = [is_harmless(ergojr, Explanation((), {}), room, commands) for commands in (up, down, -down)]
     assert harmless[0] and not all(harmless)
+
+
+def test_an_experiment_in_which_a_finger_that_follows_hits_something_is_seen_to(tmp_path):
+    (tmp_path / "fingers.xml").write_text(COUPLED_FINGERS)
+    fingers = nominal_of(tmp_path / "fingers.xml", ("finger",))
+    room = CommandRange.of(fingers, nothing(("finger",), 0.01))
+    ways = [room.ramp(room.pose, np.array([goal]), 0.1) for goal in (0.03, 0.06)]
+    assert [is_harmless(fingers, Explanation((), {}), room, commands) for commands in ways] == [True, False]
 
 
 @settings(max_examples=25, deadline=None)

@@ -207,6 +207,14 @@ def test_a_joint_that_stood_still_tells_no_cause(task: FitTask):
     assert excited_joints(other) == {"j1"}
 
 
+def test_a_joint_with_one_goal_in_each_episode_is_excited(task: FitTask):
+    """Steps to targets: the command changes between episodes only."""
+    goals = np.broadcast_to(np.arange(3.0)[:, None, None], task.evidence.commands.shape).copy()
+    goals[..., 1] = 0.3
+    steps = replace(task, evidence=replace(task.evidence, commands=goals))
+    assert excited_joints(steps) == {"j1", "j3"}
+
+
 def test_what_the_data_do_not_determine_has_a_condition_number_that_a_report_can_hold(task: FitTask):
     known = at_start(task, described(*VISCOUS[:2]))
     assert compute_conditioning(task, known) < 1e6

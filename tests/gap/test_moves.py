@@ -14,7 +14,7 @@ from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.search.constants import TIE
 from nas_data.gap.search.fit import fit
-from nas_data.gap.search.hypothesis import Hypothesis, effect_key
+from nas_data.gap.search.hypothesis import Description, Hypothesis, effect_key
 from nas_data.gap.search.moves import (
     add,
     drop,
@@ -30,6 +30,7 @@ from nas_data.gap.search.moves import (
 from nas_data.gap.search.moves.base import find_move
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters, select_free_base
+from nas_data.gap.search.screen import Candidate
 from nas_data.gap.search.search import Search
 from nas_data.gap.search.tie_break import break_tie
 from nas_data.recorders.recipe import Recipe
@@ -58,6 +59,37 @@ def half_way(request: pytest.FixtureRequest, rubbing: Search) -> tuple[Search, H
         "too much": (VISCOUS, DRY, "joint_offset:joint=j2,offset=0.001"),
     }[request.param]
     return search, fitted(search, *effects)
+
+
+# Candidates
+
+
+def test_a_candidate_that_gains_much_is_fitted_further_though_another_is_ahead(rubbing: Search, monkeypatch):
+    """The first-order estimate of a limit may be so far from its value that few steps do not reach it."""
+    search = afresh(rubbing)
+    quick = {VISCOUS: 500.0, BAND: 130.0, DRY: 20.0}  # gain after few steps [nats]
+    gained = {parse(text): gain for text, gain in quick.items()}
+
+    def improve(h: Hypothesis, gain: float) -> Hypothesis:
+        return replace(h, heldout_misfit=h.heldout_misfit - gain)
+
+    def fit_briefly(description: Description, *_: object, **__: object) -> Hypothesis:
+        return improve(replace(search.null, description=description), gained[description.effects[-1]])
+
+    monkeypatch.setattr(search, "fit_description", fit_briefly)
+    monkeypatch.setattr(search, "fit_further", lambda h: improve(h, 0.0 if h.effects[-1] == parse(VISCOUS) else 1000.0))
+    monkeypatch.setattr(optional_parameters, "apply", lambda search, h: h)
+    around = search.nominal.fit
+    candidates = [Candidate(effect, search.null.score, around.theta) for effect in gained]
+    ranked = add.fit_candidates(search, search.null, around, candidates)
+    assert [h.effects[-1] for h in ranked] == [parse(text) for text in (BAND, VISCOUS, DRY)]
+
+
+def test_a_fit_goes_on_while_it_gains_much():
+    search = begun(arm(), "speed_limit:joint=j1,speed=0.6")
+    far = search.fit_description(described("speed_limit:joint=j1,speed=2"), {}, search.nominal.fit, steps=1)
+    assert far is not None and far.effects[0].speed > 0.7
+    assert search.fit_further(far).effects[0].speed == pytest.approx(0.6, rel=0.02)
 
 
 # The contract

@@ -140,6 +140,10 @@ def test_a_known_gain_is_not_named_and_an_unknown_one_is(arm, tmp_path):
         robot = ModelCorrection.read(tmp_path / "known" / file).robot(find_robot(arm), ("pendulum",))
         gain = compiled(robot).actuator_gainprm[0, 0]
         assert gain == pytest.approx(compiled(find_robot(written)).actuator_gainprm[0, 0], rel=1e-3)
+    root, effects, added = dataset.save(tmp_path / "data"), tmp_path / "known/effects.json", tmp_path / "added"
+    words = ["--model", str(arm), "--effects", str(effects), "--out", str(added)]
+    assert main(["gap", "add", str(root), *words]) == 0
+    assert compiled(find_robot(added / "model.xml")).actuator_gainprm[0, 0] == pytest.approx(gain, rel=1e-3)
 
 
 def test_registers_are_set_once(arm):

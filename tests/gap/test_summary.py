@@ -42,8 +42,13 @@ def test_a_runner_up_at_another_place_is_told_with_its_place(joint, rival, rival
 
 def test_a_gap_that_an_experiment_would_decide_is_not_said_to_lie_outside_the_catalogue():
     tried = {"name": "chirp", "on": ["waist"], "seconds": 12.0, "separation": 4.0, "joint": "waist"}
-    for experiments, said in (([], "no effect in the catalogue"), ([tried], "does not decide")):
-        report = gap_report(verdict="unexplained", experiments=experiments)
+    rest = [{"joint": "waist", "ratio_to_noise": 3.0, "goes_with": "speed"}]
+    for experiments, unexplained, said in (
+        ([], rest, "no effect in the catalogue"),
+        ([tried], rest, "does not decide"),
+        ([], [], "does not decide"),
+    ):
+        report = gap_report(verdict="unexplained", experiments=experiments, unexplained=unexplained)
         assert said in list_findings(report)[0]
         assert said in describe_verdict(report)
 

@@ -11,6 +11,7 @@ from support.two_joint_arm import ARM, recorded
 
 from nas_data.cli import main
 from nas_data.effects.base import parse
+from nas_data.gap.output_folder import stage_report
 from nas_data.gap.residual_correlates import find_residual_correlate
 from nas_data.gap.write_model import write_effects
 
@@ -144,6 +145,42 @@ def test_a_report_replaces_nothing_but_a_report(mine: str, sentence: str, arm: P
     assert [found for found in (tmp_path / "out").rglob("*") if found.is_file()] == [path]
 
 
+@pytest.mark.parametrize("stage", ["add", "name"])
+def test_a_stage_replaces_nothing_but_a_report(stage: str, arm: Path, tmp_path: Path, capsys):
+    data, named = recorded(arm, tmp_path / "data", "--episodes", "2"), tmp_path / "named"
+    named.mkdir()
+    write_effects(named, [parse(BACKLASH)], {})
+    path = tmp_path / "out/model.xml"
+    path.parent.mkdir()
+    path.write_text("years of work")
+    options = ["--effects", str(named)] if stage == "add" else []
+    assert main(["gap", stage, str(data), "--model", str(arm), "--out", str(path.parent), *options]) == 2
+    assert "holds model.xml, which is not a file of a gap report" in capsys.readouterr().err
+    assert list(path.parent.iterdir()) == [path] and path.read_text() == "years of work"
+
+
+def test_effects_beside_the_report_that_is_added_keep_their_digits(arm: Path, tmp_path: Path):
+    data, out = recorded(arm, tmp_path / "data", "--effect", BACKLASH), tmp_path / "out"
+    out.mkdir()
+    effects = write_effects(out, [parse("backlash:joint=elbow,half_width=0.0512345678")], {})
+    exact = effects.read_bytes()
+    rounded = exact.replace(b"0.0512345678", b"0.05123")
+    assert rounded != exact
+    (out / "report.json").write_bytes(rounded)
+    words = ["--model", str(arm), "--effects", str(out / "report.json"), "--out", str(out)]
+    assert main(["gap", "add", str(data), *words]) == 0
+    assert effects.read_bytes() == exact
+
+
+def test_effects_of_another_robot_are_refused(arm: Path, tmp_path: Path, capsys):
+    data = recorded(arm, tmp_path / "data", "--episodes", "2")
+    named = tmp_path / "effects.json"
+    named.write_text('{"effects": [], "retuned": {"wrist.solimpfriction": 1.01}}')
+    words = ["--model", str(arm), "--effects", str(named), "--out", str(tmp_path / "out")]
+    assert main(["gap", "add", str(data), *words]) == 2
+    assert "is about another robot: it names the parameter 'wrist.solimpfriction'" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("stage", [(), ("add",)])
 def test_a_model_is_not_replaced_by_what_explains_it(stage: tuple[str, ...], arm: Path, tmp_path: Path, capsys):
     data = recorded(arm, tmp_path / "data", "--episodes", "2")
@@ -218,3 +255,24 @@ def test_positions_are_not_commanded_to_torque_motors(
     assert main(["gap", str(data), "--model", str(motors), "--out", str(tmp_path / "out")]) == 2
     assert "commands positions of shoulder, the model's actuator takes torques" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_an_interrupted_report_leaves_the_earlier_one_and_a_finished_one_replaces_it(tmp_path: Path):
+    earlier = {"report.json": "{}", "next_experiment.csv": "m1.pos", "phi/config.json": "φ", "assets/own.stl": "mesh"}
+    for name, text in earlier.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+
+    def read_files() -> dict[str, str]:
+        return {str(path.relative_to(tmp_path)): path.read_text() for path in tmp_path.rglob("*") if path.is_file()}
+
+    with pytest.raises(KeyboardInterrupt), stage_report(tmp_path) as staged:
+        (staged / "report.json").write_text("half")
+        raise KeyboardInterrupt
+    assert read_files() == earlier
+    with stage_report(tmp_path) as staged:
+        (staged / "assets").mkdir()
+        for name in ("report.json", "model.xml", "assets/new.stl"):
+            (staged / name).write_text("new")
+    del earlier["next_experiment.csv"]
+    assert read_files() == earlier | dict.fromkeys(("report.json", "model.xml", "assets/new.stl"), "new")

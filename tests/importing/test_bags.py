@@ -7,6 +7,7 @@ import pytest
 from mcap.writer import Writer
 from support.bag_samples import (
     MAP,
+    NAMES,
     START,
     angle,
     commands,
@@ -40,7 +41,7 @@ def test_a_bag_is_joined_by_time_and_by_the_names_in_its_messages(tmp_path, kind
     np.testing.assert_allclose(dataset.states[:, :2], angle(time), atol=1e-6)
     received = np.array([(stamp - START) / 1e9 for stamp, _ in commands()])
     goals = np.array([goal for _, goal in commands()])
-    last = np.searchsorted(received, time + 1e-9, side="right") - 1
+    last = np.searchsorted(received, time + 0.01 + 1e-9, side="right") - 1  # half a step after the state
     np.testing.assert_allclose(dataset.commands, goals[last], atol=1e-6)
 
 
@@ -50,6 +51,49 @@ def test_a_bag_is_imported_by_the_command(tmp_path, monkeypatch):
     write_map(tmp_path, MAP.format(format="rosbag"))
     assert main(["import", "bag", "--map", "map.toml", "--out", "done"]) == 0
     assert read(tmp_path / "done").n_frames == 199
+
+
+def write_servo(path, gain, late, rows=150):
+    """A first-order servo at 50 Hz: state i+1 = state i + gain · (command i − state i). Commands come after states."""
+    command = np.repeat(np.random.default_rng(1).uniform(-0.5, 0.5, (rows // 10, 2)), 10, axis=0)
+    state = np.zeros((rows, 2))
+    for row in range(rows - 1):
+        state[row + 1] = state[row] + gain * (command[row] - state[row])
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("any", "jsonschema", b"{}")
+        for topic, field, values, delay in (
+            ("joint_states", "position", state, 0.0),
+            ("commands", "data", command, late),
+        ):
+            channel = writer.register_channel(f"/{topic}", "json", schema)
+            for row in range(rows):
+                time = START + round((row / 50 + delay) * 1e9)
+                content = json.dumps({field: values[row].tolist()}).encode()
+                writer.add_message(channel, log_time=time, data=content, publish_time=time)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("late", [-0.005, 0.0, 0.002, 0.008])
+def test_a_command_that_follows_its_state_by_milliseconds_is_not_a_step_late(tmp_path, late):
+    write_servo(tmp_path / "bag.mcap", 0.39, late)
+    dataset = import_bag(tmp_path, lambda text: unnamed(text).replace('column = "header.stamp"', 'column = "log_time"'))
+    moved = dataset.next_states[:, :2] - dataset.states[:, :2]
+    np.testing.assert_allclose(moved, 0.39 * (dataset.commands - dataset.states[:, :2]), atol=1e-6)
+
+
+def test_a_command_that_is_answered_by_its_state_is_the_last_before_it(tmp_path):
+    write_servo(tmp_path / "bag.mcap", 0.39, 0.002)
+
+    def answer(text):
+        text = unnamed(text).replace('column = "header.stamp"', 'column = "log_time"')
+        return text.replace("action_follows_state", "state_follows_action")
+
+    dataset = import_bag(tmp_path, answer)
+    moved = dataset.next_states[:, :2] - dataset.states[:, :2]
+    np.testing.assert_allclose(moved, 0.39 * (dataset.commands - dataset.states[:, :2]), atol=1e-6)
 
 
 @pytest.mark.parametrize("kind", BAGS)
@@ -120,29 +164,83 @@ def test_commands_are_put_in_order_by_the_names_of_their_own_type_of_message(tmp
     np.testing.assert_array_equal(found.commands, right)
 
 
-def test_names_in_another_order_than_the_map_are_not_passed_over(tmp_path):
-    def turn(message):
-        kept = [message["name"].index(name) for name in ("elbow", "shoulder") if name in message["name"]]
-        return {**message, **{key: [message[key][k] for k in kept] for key in ("name", "position")}}
-
-    write_messages(tmp_path / "bag.mcap", change_state=turn)
-    with pytest.raises(MapError, match="elbow, shoulder, but the map shoulder, elbow; set joint_names = 'name'"):
-        import_bag(tmp_path, lambda text: text.replace('joint_names = "name"\n', ""))
+def turned(message):
+    """A message with the joints of the map only, in the other order."""
+    kept = [message["name"].index(name) for name in ("elbow", "shoulder") if name in message["name"]]
+    return {**message, **{key: [message[key][k] for k in kept] for key in ("name", "position")}}
 
 
-def test_a_topic_whose_components_the_map_picks_does_not_vouch_for_another(tmp_path):
-    """Positions are picked by number; the commands name the joints in another order, and nothing picks them."""
+def renamed(message):
+    """The same message by a driver that calls each joint by a name of its own."""
+    message = turned(message)
+    return {**message, "name": [f"{name}_joint" for name in message["name"]]}
 
-    def as_trajectory(message):
-        return {"joint_names": ["elbow", "shoulder"], "points": [{"positions": message["data"][::-1]}]}
 
-    def edit(text):
-        text = text.replace('joint_names = "name"\n', "").replace('column = "data"', 'column = "points.0.positions"')
-        return text.replace('column = "position"', 'column = "position"\ncomponents = [0, 1]')
+def unnamed(text):
+    return text.replace('joint_names = "name"\n', "")
 
-    write_messages(tmp_path / "bag.mcap", change_command=as_trajectory)
-    with pytest.raises(MapError, match="set joint_names = 'joint_names'"):
-        import_bag(tmp_path, edit)
+
+def test_the_names_in_messages_count_though_the_map_does_not_name_their_field(tmp_path):
+    right = import_bag(write_json_mcap(tmp_path / "bag.mcap").parent)
+    write_messages(tmp_path / "bag.mcap", change_state=turned)
+    np.testing.assert_array_equal(import_bag(tmp_path, unnamed).states, right.states)
+
+
+def test_names_of_the_driver_are_given_in_the_order_of_the_joints(tmp_path):
+    right = import_bag(write_json_mcap(tmp_path / "bag.mcap").parent)
+    write_messages(tmp_path / "bag.mcap", change_state=renamed)
+
+    def give_names(text):
+        given = 'column = "position"\nnames = ["shoulder_joint", "elbow_joint"]'
+        return unnamed(text).replace('column = "position"', given)
+
+    np.testing.assert_array_equal(import_bag(tmp_path, give_names).states, right.states)
+    both = (
+        r"no row names a joint of the map \(shoulder, elbow\); the first names elbow_joint, shoulder_joint\..* names = "
+    )
+    with pytest.raises(MapError, match=both):
+        import_bag(tmp_path, unnamed)
+
+
+def test_names_are_refused_where_the_messages_have_none(tmp_path):
+    write_json_mcap(tmp_path / "bag.mcap")
+    with pytest.raises(MapError, match=r"/commands has no names of components, .*\[a, b\]; .* components = \[…\]"):
+        import_bag(tmp_path, lambda text: text.replace('column = "data"', 'column = "data"\nnames = ["a", "b"]'))
+
+
+def test_each_topic_of_one_joint_may_call_it_by_another_name(tmp_path):
+    def make_state(joint, value):
+        return {"name": ["other", f"{joint}_joint"], "position": [9.0, value]}
+
+    log = write_topics_of_joints(tmp_path / "bag.mcap", make_state)
+    text = EACH.format(format="mcap", position="position")
+    text = text.replace('column = "position"', 'column = "position"\nnames = ["shoulder_joint", "elbow_joint"]')
+    dataset = import_logs([log], load_map(write_map(tmp_path, text))).dataset
+    time = dataset.columns["nas.time"][:, 0]
+    truth = np.column_stack([angle(time)[:, 0], angle(time - 1e-3)[:, 1]])
+    np.testing.assert_allclose(dataset.states[:, :2], truth, atol=1e-6)
+
+
+def test_components_are_picked_by_number_only_where_the_names_stay_in_one_order(tmp_path):
+    def pick(text):
+        return unnamed(text).replace('column = "position"', 'column = "position"\ncomponents = [2, 0]')
+
+    write_json_mcap(tmp_path / "bag.mcap")
+    with pytest.raises(MapError, match=r"picks 'components' .* row 0 .* names shoulder, elbow, wrist, and row 1 "):
+        import_bag(tmp_path, pick)
+    write_messages(tmp_path / "bag.mcap", change_state=one_order)
+    with pytest.raises(MapError, match="picks component 0 for the joint 'shoulder', but there it is 'elbow'"):
+        import_bag(tmp_path, lambda text: pick(text).replace("[2, 0]", "[0, 2]"))
+    found = import_bag(tmp_path, pick)
+    np.testing.assert_allclose(found.states[:, :2], angle(found.columns["nas.time"][:, 0]), atol=1e-6)
+
+
+def one_order(message):
+    """The same message with its joints in one order; a message of the gripper is as it was."""
+    if "wrist" not in message["name"]:
+        return message
+    held = dict(zip(message["name"], message["position"], strict=True))
+    return {**message, "name": list(NAMES), "position": [held[name] for name in NAMES]}
 
 
 def test_messages_that_need_some_time_to_arrive_have_no_other_clock(tmp_path):
@@ -208,6 +306,24 @@ def test_fields_that_some_messages_lack_are_named_by_row(tmp_path):
         import_bag(tmp_path)
 
 
+@pytest.mark.parametrize("empty", [[], [float("nan")] * 3])
+def test_fields_that_no_message_has_are_left_out_of_the_map_as_is_said(tmp_path, empty):
+    right = import_bag(write_json_mcap(tmp_path / "bag.mcap").parent)
+    measured = '[read.velocity]\ntopic = "state"\ncolumn = "velocity"\nunit = "rad/s"\n'
+    load = '[signals.load]\ntopic = "state"\ncolumn = "effort"\nunit = "N·m"\n'
+
+    def without(message):
+        absent = empty[: len(message["name"])]
+        return {**message, "velocity": absent, "effort": absent}
+
+    write_messages(tmp_path / "bag.mcap", change_state=without)
+    with pytest.raises(LogError, match=r"empty.* in all rows; .* set velocity = 'derive' and remove \[read.velocity\]"):
+        import_bag(tmp_path, lambda text: text.replace('"derive"', '"measured"') + measured)
+    with pytest.raises(LogError, match=r"empty.* in all rows; remove \[signals.load\]"):
+        import_bag(tmp_path, lambda text: text + load)
+    np.testing.assert_array_equal(import_bag(tmp_path).states, right.states)
+
+
 EACH = """
 format = "{format}"
 robot = "bagged"
@@ -252,7 +368,7 @@ def write_topics_of_joints(path, make_state):
             for time in (times - index * 1_000_000).tolist():
                 content = make_state(joint, np.degrees(angle((time - START) / 1e9)[index]))
                 writer.add_message(state, log_time=time, data=json.dumps(content).encode(), publish_time=time)
-            for number in range(-1, 40):
+            for number in range(-1, 80):
                 time = START + 5_000_000 + number * (50_000_000, 100_000_000)[index]
                 data = json.dumps({"data": (number, -number)[index]}).encode()
                 writer.add_message(goal, log_time=time, data=data, publish_time=time)
@@ -272,7 +388,7 @@ def test_each_joint_may_have_topics_of_its_own(tmp_path, named):
     assert dataset.n_frames > 90
     truth = np.column_stack([angle(time)[:, 0], angle(time - 1e-3)[:, 1]])
     np.testing.assert_allclose(dataset.states[:, :2], truth, atol=1e-6)
-    last = np.floor(np.minimum(np.column_stack([(time - 0.005) / 0.05, (time - 0.005) / 0.1]), 39) + 1e-6)
+    last = np.floor(np.column_stack([(time + 0.005) / 0.05, (time + 0.005) / 0.1]) + 1e-6)
     np.testing.assert_allclose(np.degrees(dataset.commands), last, atol=1e-4)
 
 

@@ -109,6 +109,22 @@ def test_bad_input_gets_one_sentence_and_leaves_nothing(here, capsys, arguments,
     assert sorted(here.rglob("*")) == before
 
 
+@pytest.mark.parametrize("by_map", [True, False])
+def test_a_name_that_no_dataset_can_have_is_refused_before_logs_are_read(here, capsys, monkeypatch, by_map):
+    write_map(here, map_text(extra="[audit]\nmax_speed = 3.9").replace('"sample"', '"my arm"'))
+    features = {key: make_position_feature(("a", "b")) for key in (STATE, ACTION)}
+    columns = {key: motion().position for key in features}
+    plain = Dataset(features, columns, np.array([120]), 50.0, "my arm", ("wave",))
+    write(plain, here / "wave", Provenance(how="simulated"))
+    (here / "wave" / PROVENANCE).unlink()
+    arguments = ["log.npz", "--map", "map.toml"] if by_map else ["wave", "--unit", "rad"]
+    with monkeypatch.context() as unread:
+        unread.setattr("nas_data.api.importing.read_logs", lambda request: pytest.fail("logs are read"))
+        assert main(["import", *arguments]) == 2
+    assert "'my arm' is not a valid dataset name" in (said := capsys.readouterr().err) and "--name" in said
+    assert main(["import", *arguments, "--name", "mine"]) == 0
+
+
 def test_help_has_an_example(capsys):
     with pytest.raises(SystemExit) as stopped:
         main(["import", "--help"])

@@ -22,7 +22,9 @@ from support.import_samples import (
     write_map,
 )
 
+from nas_data.cli import main
 from nas_data.dataset.content import hash_content
+from nas_data.dataset.provenance import read_provenance
 from nas_data.errors import LogError, MapError
 from nas_data.importing.formats import read_table
 from nas_data.importing.layout import LogLayout
@@ -199,7 +201,7 @@ def test_a_log_of_another_format_than_the_map_is_refused(tmp_path):
 
 def test_too_few_rows_are_refused(tmp_path):
     columns = {key: values[:2] for key, values in columns_of(motion()).items()}
-    with pytest.raises(LogError, match="has 2 rows; at least 3"):
+    with pytest.raises(LogError, match=r"has only 2 rows; at least 3 .* nothing remains"):
         import_columns(tmp_path, columns)
 
 
@@ -519,5 +521,105 @@ def test_lines_before_the_header_and_below_it_are_to_be_taken_out(tmp_path):
     with pytest.raises(LogError, match=r"but the header, line 1, has 1; remove lines before the header"):
         import_logs([log], sample_map(tmp_path, ".csv"))
     log.write_text("\n".join([header, "s,rad", *lines]))
-    with pytest.raises(LogError, match=r"'s' in row 0 \(line 2 of log\.csv\), which is not a number; remove that row"):
+    with pytest.raises(
+        LogError, match=r"'s' in row 0 \(line 2 of log\.csv\) and numbers below it; if .* units, remove"
+    ):
         import_logs([log], sample_map(tmp_path, ".csv"))
+
+
+@pytest.mark.parametrize("vector", [False, True])
+def test_a_line_of_units_below_the_header_is_named(tmp_path, vector):
+    columns = {"t": motion().time, "q": motion().position if vector else motion().position[:, 0]}
+    log = write_log(tmp_path / "log.csv", columns)
+    header, *lines = log.read_text().splitlines()
+    log.write_text("\n".join([header, "[s],[rad]", *lines]))
+    table = read_table(log, LogLayout("csv"))
+    for name in ("t", "q"):
+        with pytest.raises(
+            LogError, match=r"in row 0 \(line 2 of log\.csv\) and numbers below it; if that row has units"
+        ):
+            table.numbers(name)
+
+
+def test_a_decimal_comma_in_the_first_row_is_no_line_of_units(tmp_path):
+    (tmp_path / "log.csv").write_text("t;q\n0,5;1\n1;2\n")
+    with pytest.raises(LogError, match="set decimal = ','"):
+        read_table(tmp_path / "log.csv", LogLayout("csv", delimiter=";")).numbers("t")
+
+
+def test_true_and_false_are_1_and_0_in_text_too(tmp_path):
+    (tmp_path / "log.csv").write_text("t,on\n0,True\n1,\n2,false\n")
+    np.testing.assert_array_equal(
+        read_table(tmp_path / "log.csv", LogLayout("csv")).numbers("on"), [[1], [np.nan], [0]]
+    )
+
+
+def test_a_column_without_a_number_is_not_to_be_mended_row_by_row(tmp_path):
+    (tmp_path / "log.csv").write_text("t,q\n0,1 rad\n1,2 rad\n")
+    with pytest.raises(LogError, match=r"'1 rad' .* no row has one: name another column, or write plain numbers"):
+        read_table(tmp_path / "log.csv", LogLayout("csv")).numbers("q")
+
+
+STAMPS = 1_760_000_000_123_456_789 + np.arange(120) * 20_000_000  # [ns]
+DATES = np.datetime_as_string(STAMPS.astype("datetime64[ns]")).tolist()
+
+
+def missing(values: list[object]) -> list[object]:
+    """The values without that of row 5."""
+    return [None if row == 5 else value for row, value in enumerate(values)]
+
+
+@pytest.mark.parametrize(
+    ("unit", "suffix", "times"),
+    [
+        ("ns", ".parquet", pa.array(missing(STAMPS.tolist()))),
+        ("ns", ".csv", missing(STAMPS.tolist())),
+        ("datetime", ".parquet", pa.array(missing(STAMPS.tolist()), pa.timestamp("ns"))),
+        ("datetime", ".csv", missing(DATES)),
+        ("s", ".csv", missing(motion().time.tolist())),
+    ],
+)
+def test_rows_without_a_time_are_named(tmp_path, unit, suffix, times):
+    log = tmp_path / f"log{suffix}"
+    if suffix == ".csv":
+        log.write_text("t,q\n" + "".join(f"{'' if time is None else time},0\n" for time in times))
+    else:
+        pa.parquet.write_table(pa.table({"t": times}), log)
+    with pytest.raises(LogError, match=r"'t' is empty in row 5 \(.*; remove"):
+        read_table(log, LogLayout(suffix[1:])).ticks("t", unit)
+
+
+def test_dates_without_their_unit_are_answered_with_it(tmp_path):
+    (tmp_path / "log.csv").write_text("t\n" + "\n".join(DATES))
+    with pytest.raises(LogError, match="'t' holds dates or durations; set unit = 'datetime' instead of 's'"):
+        read_table(tmp_path / "log.csv", LogLayout("csv")).ticks("t", "s")
+
+
+@pytest.mark.parametrize("kind", [pa.large_string(), pa.string_view(), pa.dictionary(pa.int32(), pa.string())])
+def test_every_kind_of_text_in_arrow_is_text(kind):
+    texts = {"date": DATES, "ns": [str(stamp) for stamp in STAMPS], "q": [str(float(row)) for row in range(120)]}
+    plain = {name: pa.array(values) for name, values in texts.items()}
+    table = LogTable(Path("log.parquet"), {name: column.cast(kind) for name, column in plain.items()})
+    np.testing.assert_array_equal(table.ticks("date", "datetime"), STAMPS)
+    np.testing.assert_array_equal(table.ticks("ns", "ns"), STAMPS)
+    np.testing.assert_array_equal(table.numbers("q")[:, 0], np.arange(120))
+
+
+CONSTANTS = {
+    "date": (np.array("2026-01-15T10:28:10", "datetime64[ns]"), "2026-01-15T10:28:10.000000000"),
+    "bytes": (np.bytes_(b"xl320"), "xl320"),
+    "NaN": (np.array(np.nan), None),
+    "NaN in every row": (np.full(120, np.nan), None),
+    "date in every row": (np.full(120, np.datetime64("2026-01-15")), "2026-01-15"),
+}
+
+
+@pytest.mark.parametrize("name", CONSTANTS)
+def test_constants_are_stored_as_json_can_hold_them(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    value, stored = CONSTANTS[name]
+    write_log(tmp_path / "log.npz", columns_of(motion()) | {"held": value})
+    write_map(tmp_path, map_text(top='constants = ["held"]'))
+    assert main(["import", "log.npz", "--map", "map.toml", "--out", "done"]) == 0
+    (episode,) = read_provenance(tmp_path / "done").target["episodes"]
+    assert episode["constants"] == {"held": stored}

@@ -533,14 +533,78 @@ def test_a_gripper_of_a_robot_without_a_map_takes_its_range_from_the_model(here)
     np.testing.assert_allclose(dataset.states[:59, 1], wanted, atol=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("name", "robot"),
+    [("Gripper", "arm2"), ("left gripper", "arm2"), ("left.gripper", "arm2"), ("gripper", 'my "arm"')],
+)
+def test_grippers_of_any_name_are_read_as_percent_and_named(here, capsys, name, robot):
+    """Names that TOML must quote, in capitals or not."""
+    episodes = [(np.column_stack([s[:, 0] * 57, 50 + 40 * np.sin(s[:, 1])]),) * 2 for s, _ in motions()]
+    write_lerobot(here / "d", episodes, ("j1", name), robot)
+    (here / "arm.xml").write_text(ARM.replace('"j2"', f'"{name}"'))
+    folder = imported("d", "--unit", "deg", "--model", "arm.xml")
+    assert f"Read as a share of the joint's range, 0 … 100 in LeRobot: {name}." in capsys.readouterr().out
+    wanted = -2 + 4 * episodes[0][0][:59, 1] / 100
+    np.testing.assert_allclose(read(folder).states[:59, 1], wanted, atol=1e-5)
+
+
 def test_radians_by_the_map_of_degrees_are_refused_and_the_remedy_works(here):
     episodes = [(np.resize(s, (60, 6)), np.resize(c, (60, 6))) for s, c in motions()]
-    for states, commands in episodes:
-        states[:, 5] = commands[:, 5] = 50 + 10 * states[:, 5]  # the gripper, in 0 … 100
     write_lerobot(here / "d", episodes, SO101, "so101_follower")
     assert "use --unit rad" in refused("import", "d", "--map", "so101_lerobot")
     dataset = read(imported("d", "--map", "so101_lerobot", "--unit", "rad"))
-    np.testing.assert_allclose(dataset.states[:59, :5], episodes[0][0][:59, :5], atol=1e-6)
+    np.testing.assert_allclose(dataset.states[:59, :6], episodes[0][0][:59], atol=1e-6)
+    np.testing.assert_allclose(dataset.commands[:59], episodes[0][1][:59], atol=1e-6)
+
+
+def test_a_gripper_in_percent_beside_radians_is_refused_with_the_table_of_its_unit(here):
+    episodes = [(np.resize(s, (60, 6)), np.resize(c, (60, 6))) for s, c in motions()]
+    for states, commands in episodes:
+        states[:, 5] = commands[:, 5] = 50 + 10 * states[:, 5]
+    write_lerobot(here / "d", episodes, SO101, "so101_follower")
+    said = refused("import", "d", "--map", "so101_lerobot", "--unit", "rad")
+    assert "the position of gripper reaches" in said and "[read.position.joints.gripper]" in said
+
+
+def test_a_robot_that_lerobot_records_in_degrees_is_not_imported_as_radians_unasked(here):
+    episodes = [(np.resize(s, (60, 6)), np.resize(c, (60, 6))) for s, c in motions()]
+    write_lerobot(here / "d", episodes, SO101, "so101_follower")
+    said = refused("import", "d")
+    assert "d stores no unit, and LeRobot records a so101_follower in degrees or −100 … 100" in said
+    by_map, radians = remedies(said)
+    assert by_map == ["import", "d", "--map", "so101_lerobot"]
+    assert main([*radians, "--out", "done"]) == 0
+    np.testing.assert_allclose(read(here / "done").states[:59, :6], episodes[0][0][:59], atol=1e-6)
+
+
+@pytest.mark.parametrize("resolution", [4095, 4096])
+def test_small_motions_in_degrees_are_told_by_the_servos_ticks(here, resolution):
+    step = 360 / resolution
+    write_lerobot(here / "d", [(np.round(s * 5 / step) * step, c * 5) for s, c in motions()])
+    said = refused("pair", "d", "--model", "arm.xml")
+    assert "of joint j1 are multiples of 0.0879, as of a servo that is read in degrees" in said
+    assert "import it: nas import d --unit deg" in said
+
+
+def test_radians_are_assumed_with_a_warning_and_stored_as_it_says(here, capsys):
+    write_lerobot(here / "d", motions())
+    assert main(["pair", "d", "--model", "arm.xml", "--out", "p"]) == 0
+    said = capsys.readouterr().err
+    assert "d stores no unit: taken as radians" in said
+    assert remedies(said)[0] == ["import", "d", "--unit", "rad"]
+    folder = imported("d", "--unit", "rad")
+    capsys.readouterr()
+    assert main(["pair", str(folder), "--model", "arm.xml", "--out", "again"]) == 0
+    assert "stores no unit" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["import d", "pair d --model arm.xml"])
+def test_commands_in_degrees_beside_radians_are_refused_without_a_map_too(here, command):
+    time = np.arange(120)[:, None] / RATE
+    states = 0.15 * np.sin(time * [2.1, 2.9])
+    write_lerobot(here / "d", [(states, np.degrees(np.roll(states, -1, axis=0)))])
+    said = refused(*command.split())
+    assert "moves 57" in said and "factor between degrees and radians" in said and "[read.command]" in said
 
 
 def test_joints_of_several_turns_are_taken_where_it_is_said_and_used_throughout(here):

@@ -75,6 +75,22 @@ def test_names_may_be_bytes(tmp_path, kind):
         imported(tmp_path, write_log(tmp_path / "log.npz", wrong), text)
 
 
+@pytest.mark.parametrize("each_row", [False, True])
+def test_names_of_the_log_are_found_in_its_column_of_names(tmp_path, each_row):
+    """Vectors hold the elbow first, and the log calls the joints e and s."""
+    columns = {key: values[:, ::-1] if values.ndim == 2 else values for key, values in columns_of(motion()).items()}
+    columns["names"] = np.array([["e", "s"]] * 120) if each_row else np.array(["e", "s"])
+    log = write_log(tmp_path / "log.npz", columns)
+    unnamed = plain_map(".npz").replace('column = "q"', 'column = "q"\nnames = ["s", "e"]')
+    with pytest.raises(
+        MapError, match=r"no names of components, but the map gives names = \[s, e\]; .*joint_names = …"
+    ):
+        imported(tmp_path, log, unnamed)
+    dataset = imported(tmp_path, log, unnamed.replace("robot =", 'joint_names = "names"\nrobot =', 1))
+    np.testing.assert_allclose(dataset.states[:, :2], motion().position[:-1], atol=1e-6)
+    np.testing.assert_allclose(dataset.commands, motion().command[:-1], atol=1e-6)
+
+
 def test_a_file_of_matlab_is_read(tmp_path):
     from scipy.io import savemat
 
@@ -85,6 +101,15 @@ def test_a_file_of_matlab_is_read(tmp_path):
     result = import_logs([tmp_path / "log.mat"], load_map(write_map(tmp_path, text)))
     np.testing.assert_allclose(result.dataset.states[:, :2], motion().position[:-1], atol=1e-6)
     assert result.provenance.target["episodes"][0]["constants"] == {"mass": 1.5}
+
+
+def test_an_empty_text_in_a_file_of_matlab_is_no_obstacle(tmp_path):
+    from scipy.io import savemat
+
+    notes = np.empty(2, object)
+    notes[:] = ["", "slow"]
+    savemat(tmp_path / "log.mat", {**columns_of(motion()), "notes": notes})
+    assert imported(tmp_path, tmp_path / "log.mat", plain_map(".mat")).n_frames == 119
 
 
 def test_plain_tensors_are_read_and_nothing_is_run(tmp_path):

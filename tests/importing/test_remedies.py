@@ -256,15 +256,16 @@ REFUSALS = {
         (Remedy(load('column = "load"'), npz(load=np.full((120, 2), -3))),),
     ),
     "few rows": Refusal(
-        "has 2 rows; at least 3 are needed; remove rows 118–119 (counted from 0), before which 1.02 s are missing.",
-        Remedy(map_text(), npz(t=SAMPLE["t"] + (np.arange(120) >= 118))),
+        "the episode of rows 0–1 (counted from 0) has only 2 rows; at least 3 are needed, so it is left out, "
+        "and nothing remains.",
+        Remedy(map_text(), npz(rows=2)),
         (Remedy(map_text(), npz(rows=118)),),
     ),
     "files without times": Refusal(
-        "log: the files are read without times but have different numbers of rows (state.npz 120, control.npz 60); "
+        "log: the files are read without times but have different numbers of rows (state.npz 120, control.npz 115); "
         "give them equally many rows, or name their time column in [read.time].",
-        Remedy(NO_CLOCK, state_and_control(60)),
-        (Remedy(NO_CLOCK, state_and_control(120)), Remedy(TWO_FILES, state_and_control(60))),
+        Remedy(NO_CLOCK, state_and_control(115)),
+        (Remedy(NO_CLOCK, state_and_control(120)), Remedy(TWO_FILES, state_and_control(115))),
     ),
     "a file out of order": Refusal(
         "control.npz: the time decreases or is not a number in rows 1–119 (counted from 0); sort or repair the file.",

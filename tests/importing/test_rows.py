@@ -78,6 +78,23 @@ def test_rows_without_partner_at_the_ends_are_left_out(tmp_path):
     np.testing.assert_allclose(result.dataset.commands, truth.command[5:-4], atol=1e-6)
     np.testing.assert_allclose(result.dataset.states[:, :2], truth.position[5:-4], atol=1e-6)
     assert result.dataset.columns["nas.time"][0] == 0
+    first, last = result.findings
+    assert first.rows == (0, 1, 2, 3, 4) and last.rows == (117, 118, 119) and first.check == "unmatched_ends"
+    assert first.message == (
+        "the first 0.1 s, rows 0–4 (lines 2–6 of state.csv), have nothing in control.csv within 0.01 s and are "
+        "left out."
+    )
+    assert last.message.startswith("the last 0.06 s, rows 117–119")
+
+
+def test_a_log_without_commands_for_a_tenth_of_its_time_is_refused(tmp_path):
+    log, path = two_files(tmp_path, slice(5, -9)), two_file_map(tmp_path)
+    said = r"the first 0.1 s, .*; raise the tolerance of \[join\], or add allow = \['unmatched_ends'\].* And 1 more"
+    with pytest.raises(LogError, match=said):
+        import_logs([log], load_map(path))
+    path.write_text(path.read_text() + '[audit]\nallow = ["unmatched_ends"]\n')
+    result = import_logs([log], load_map(path))
+    assert result.dataset.n_frames == 105 and {finding.check for finding in result.findings} == {"unmatched_ends"}
 
 
 def test_rows_without_partner_in_the_middle_are_refused(tmp_path):
@@ -165,13 +182,35 @@ def test_an_episode_column_divides_a_log(tmp_path, suffix):
     assert dataset.columns["nas.time"][39] == 0
 
 
-def test_episodes_that_come_back_or_are_too_short_are_refused(tmp_path):
+def test_episodes_that_are_too_short_are_left_out_and_named(tmp_path):
+    truth, mapping = motion(), sample_map(tmp_path, ".npz", '[read.episode]\ncolumn = "take"')
+    log = write_log(tmp_path / "log.npz", columns_of(truth) | {"take": np.repeat([1, 2, 3], [58, 2, 60])})
+    result = import_logs([log], mapping)
+    assert result.dataset.lengths.tolist() == [57, 59] and result.dataset.tasks == ("log:1", "log:3")
+    (finding,) = result.findings
+    assert finding.check == "too_short" and finding.file.endswith("log.npz:2") and finding.rows == (58, 59)
+    assert "has only 2 rows; at least 3 are needed, so it is left out" in finding.message
+
+
+def test_a_stray_row_before_a_gap_is_left_out_and_named(tmp_path):
+    truth = motion()
+    log = write_log(tmp_path / "log.npz", columns_of(truth.edited(time=truth.time + 5.0 * (np.arange(120) > 0))))
+    result = import_logs([log], sample_map(tmp_path))
+    assert result.dataset.lengths.tolist() == [118]
+    assert [finding.rows for finding in result.findings if finding.check == "too_short"] == [(0,)]
+
+
+def test_one_of_several_logs_may_be_too_short(tmp_path):
+    for name, rows in (("a", 2), ("b", 120)):
+        write_log(tmp_path / f"{name}.npz", {key: values[:rows] for key, values in columns_of(motion()).items()})
+    result = import_logs([tmp_path], sample_map(tmp_path))
+    assert result.dataset.tasks == ("b",) and [finding.check for finding in result.findings] == ["too_short"]
+
+
+def test_episodes_that_come_back_are_refused(tmp_path):
     mapping = sample_map(tmp_path, ".npz", '[read.episode]\ncolumn = "take"')
     log = write_log(tmp_path / "log.npz", columns_of(motion()) | {"take": np.repeat([1, 2, 1], 40)})
     with pytest.raises(LogError, match="the episode '1' appears again after another one"):
-        import_logs([log], mapping)
-    log = write_log(tmp_path / "log.npz", columns_of(motion()) | {"take": np.repeat([1, 2], [118, 2])})
-    with pytest.raises(LogError, match=r"log.npz:2 has 2 rows; at least 3"):
         import_logs([log], mapping)
     log = write_log(tmp_path / "log.npz", columns_of(motion()) | {"take": np.zeros((120, 2))})
     with pytest.raises(MapError, match="one value a row"):
@@ -238,7 +277,7 @@ def test_resampling_to_the_recorded_times_changes_nothing(tmp_path):
 
 def test_resampling_a_log_of_a_moment_is_refused(tmp_path):
     log = write_log(tmp_path / "log.npz", {key: values[:4] for key, values in columns_of(motion()).items()})
-    with pytest.raises(LogError, match=r"log.npz has 1 row after resampling"):
+    with pytest.raises(LogError, match=r"log.npz: the episode of .* has only 1 row after resampling; at least 2"):
         import_logs([log], sample_map(tmp_path, ".npz", '[resample]\nrate = 10\nmethod = "linear"'))
 
 

@@ -4,13 +4,16 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from support.linear_samples import draw, network
 from support.recording_samples import paired_pendulum
 
-from nas_data.errors import CheckpointError, JointMismatch
+from nas_data.dataset.dataset import Dataset
+from nas_data.errors import CheckpointError, JointMismatch, OutputExists
 from nas_data.models import checkpoint
+from nas_data.models.lstm import DynamicsModel
 
 KINDS = ("delta", "forward")
 
@@ -73,6 +76,57 @@ def test_saving_again_replaces_the_checkpoint_and_leaves_nothing_behind(tmp_path
     assert [path.name for path in tmp_path.iterdir()] == ["checkpoint"]
     assert torch.equal(checkpoint.load_for_inference(tmp_path / "checkpoint").outer.weight, second.outer.weight)
     assert not (tmp_path / "checkpoint/source.xml").exists()
+
+
+def test_saving_again_keeps_the_other_files_of_the_folder(tmp_path):
+    checkpoint.save(network(seed=0), tmp_path / "checkpoint")
+    (tmp_path / "checkpoint/notes.txt").write_text("worked on Monday")
+    checkpoint.save(network(seed=1, layers=2), tmp_path / "checkpoint")
+    assert (tmp_path / "checkpoint/notes.txt").read_text() == "worked on Monday"
+
+
+@pytest.mark.parametrize("name", ["training/history.json", "training/config.json", "training"])
+def test_a_folder_or_file_that_is_no_checkpoint_is_not_replaced(tmp_path, name):
+    other = tmp_path / name
+    other.parent.mkdir(exist_ok=True)
+    other.write_text('{"type": "act"}')
+    with pytest.raises(OutputExists, match=r"training exists and is not a checkpoint; choose another folder"):
+        checkpoint.save(network(), tmp_path / "training")
+    assert other.read_text() == '{"type": "act"}'
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == [other]
+
+
+@pytest.mark.parametrize("options", [{}, {"relative": False}])
+def test_a_save_that_is_interrupted_leaves_the_old_or_the_new_model_and_no_mixture(tmp_path, monkeypatch, options):
+    """With the same options one of both can be loaded at any time; with others the folder may be refused."""
+    folder, rename = tmp_path / "checkpoint", Path.replace
+    first, second = network(seed=0), network(seed=1, **options)
+    for survived in range(10):
+        shutil.rmtree(folder, ignore_errors=True)
+        checkpoint.save(first, folder)
+        left = [survived]
+
+        def rename_until_killed(path: Path, target: Path, left: list[int] = left) -> Path:
+            left[0] -= 1
+            if left[0] < 0:
+                raise KeyboardInterrupt
+            return rename(path, target)
+
+        monkeypatch.setattr(Path, "replace", rename_until_killed)
+        try:
+            checkpoint.save(second, folder)
+        except KeyboardInterrupt:
+            if options:
+                with pytest.raises(CheckpointError, match=r"holds no config\.json"):
+                    checkpoint.load_for_inference(folder)
+            else:
+                weight = checkpoint.load_for_inference(folder).outer.weight
+                assert any(torch.equal(weight, model.outer.weight) for model in (first, second))
+        else:
+            break
+        finally:
+            monkeypatch.setattr(Path, "replace", rename)
+    assert survived == 3, "weights, configuration and card"
 
 
 EDITED = {
@@ -191,3 +245,26 @@ def test_a_checkpoint_of_another_robot_rate_or_command_is_refused(tmp_path):
         with pytest.raises(JointMismatch, match=words):
             checkpoint.check_fits(network(**options), dataset, tmp_path)
     checkpoint.check_fits(network(joints=("pendulum",)), dataset, tmp_path)
+
+
+def test_a_checkpoint_of_velocities_is_refused_for_torques_unless_it_is_older_than_stored_kinds(tmp_path):
+    joints, rows = ("a", "b"), np.linspace(0, 0.02, 60).reshape(30, 2)
+
+    def commanded(*kinds: str) -> Dataset:
+        return Dataset.from_arrays(rows, rows, rate=50, joints=joints, kind=kinds)
+
+    def trained(dataset: Dataset | None) -> DynamicsModel:
+        provenance = {"kinds": list(dataset.kinds)} if dataset else {}
+        model = network("forward", joints, commands_effort=True, provenance=provenance)
+        return checkpoint.load_for_inference(checkpoint.save(model, tmp_path / "checkpoint"))
+
+    speeds, torques = commanded("velocity", "velocity"), commanded("torque", "torque")
+    both, other = commanded("position", "torque"), commanded("torque", "position")
+    for mine, theirs in ((speeds, torques), (both, other), (both, torques)):
+        model = trained(mine)
+        checkpoint.check_fits(model, mine, tmp_path)
+        with pytest.raises(JointMismatch, match=rf"commands a{mine.kinds[0]}, .*dataset has a{theirs.kinds[0]}, b\."):
+            checkpoint.check_fits(model, theirs, tmp_path)
+    checkpoint.check_fits(trained(None), torques, tmp_path)
+    with pytest.raises(JointMismatch, match="other commands"):
+        checkpoint.check_fits(trained(None), commanded("position", "position"), tmp_path)

@@ -1,5 +1,6 @@
 """Policies on virtual arms: as in simulation, safe whatever fails, and kept as datasets."""
 
+import contextlib
 import json
 import os
 import shutil
@@ -49,6 +50,15 @@ from nas_data.simulators.mujoco import MujocoSimulator
 JOINTS = make_ergojr_joints()
 DUEL = (*LOCKSTEP, "--defender-port", "virtual")
 UNDER_WAY = Path("datasets/rolled/recording")
+ON_PORT = "nas_data.commands._on_arm.port_of"  # opens what --port names
+# The program as a process, in which `--port virtual` is the arm on the port of the first argument.
+ON_THIS_ARM = """
+import contextlib, sys
+from nas_data.cli import main
+from nas_data.commands import _on_arm
+_on_arm.port_of = lambda *_, **__: contextlib.nullcontext(sys.argv[1])
+sys.exit(main(sys.argv[2:]))
+"""
 
 
 @pytest.fixture(autouse=True)
@@ -296,8 +306,8 @@ def test_ctrl_c_makes_the_arm_safe_and_keeps_what_is_finished(capsys, words):
     """In real time on an idle machine only: a busy one does not keep the rate, and `verify` says so."""
     reacher = policy("ErgoReacher", (0.3, -0.2, 0.2, 0.1))
     with VirtualBus(Options(wire_delay=False, lockstep=bool(words))) as bus:
-        options = [reacher, "--on", "ergojr", "--port", bus.port, "--record", "rolled", *words]
-        command = [sys.executable, "-m", "nas_data", "policy", "evaluate", *options]
+        options = [reacher, "--on", "ergojr", "--port", "virtual", "--record", "rolled", *words]
+        command = [sys.executable, "-c", ON_THIS_ARM, bus.port, "policy", "evaluate", *options]
         process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         until = time.monotonic() + 120
         while not UNDER_WAY.exists():
@@ -318,16 +328,16 @@ def test_ctrl_c_makes_the_arm_safe_and_keeps_what_is_finished(capsys, words):
 # Going on
 
 
-def test_rollouts_go_on_where_they_stopped(capsys):
+def test_rollouts_go_on_where_they_stopped(capsys, monkeypatch):
     reacher = policy("ErgoReacher", (0.3, -0.2, 0.2, 0.1))
-    options = (reacher, "--on", "ergojr", "--lockstep", "--episodes", "4", "--record", "rolled", "--port")
-    with virtual("adapter_pulled:after=6") as bus:
-        said = refused(capsys, *options, bus.port)
+    options = (reacher, *LOCKSTEP, "--episodes", "4", "--record", "rolled")
+    with virtual("adapter_pulled:after=6") as bus, monkeypatch.context() as patch:
+        patch.setattr(ON_PORT, lambda *_, **__: contextlib.nullcontext(bus.port))
+        said = refused(capsys, *options)
     before, earlier = read(UNDER_WAY), returns_of(read(UNDER_WAY))
     assert 0 < len(earlier) < 4
     assert f"{len(earlier)} of 4 episodes are saved in {UNDER_WAY}; run the same command to continue." in said
-    with virtual() as bus:
-        assert main(["policy", "evaluate", *options, bus.port, "--json"]) == 0
+    assert main(["policy", "evaluate", *options, "--json"]) == 0
     out, said = capsys.readouterr()
     answer = json.loads(out)
     assert f"{len(earlier)} of 4 episodes are saved in {UNDER_WAY}; continuing with the next." in said
@@ -471,6 +481,12 @@ def test_a_rollout_is_saved_with_all_its_bouts_or_not_at_all(capsys, monkeypatch
         ("ErgoReacher", (*LOCKSTEP, "--missed", "0.1"), "--missed is 0.1; it must be in 0 … 1"),
         ("ErgoReacher", ("--missed", "0.1"), "ErgoReacher has no touches to miss"),
         ("ErgoReacher", ("--on", "ergojr", "--port", "/dev/nowhere"), "There is no port /dev/nowhere"),
+        (
+            "ErgoReacher",
+            ("--on", "ergojr", "--port", "/dev/nowhere", "--lockstep"),
+            "lock-step belong to --port virtual; /dev/nowhere is a real arm",
+        ),
+        ("ErgoShield", (*LOCKSTEP, "--defender-port", "/dev/nowhere"), "/dev/nowhere is a real arm"),
         ("ErgoReacher", (*LOCKSTEP, "--record", "a/b"), "'a/b' is not a valid dataset name"),
         ("ErgoReacher", (*LOCKSTEP, "--speed", "-1"), "speed limit is -1"),
         ("ErgoReacher", ("--finish",), "Evaluation on 'target' takes no --finish"),

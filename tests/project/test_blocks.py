@@ -55,7 +55,7 @@ SMALLER: dict[str, list[tuple[str, str]]] = {
         (r"--port virtual --blind", r"\g<0> --episodes 2 --seconds 1 --lockstep"),
     ],
     "docs/lerobot_arms.md": [
-        (r"--robot.port=/dev/ttyACM0 --robot.id=my_arm --episodes 10", "--port virtual --episodes 2 --lockstep")
+        (r"--robot.port=/dev/ttyACM0 --robot.id=my_arm --episodes 20", "--port virtual --episodes 2 --lockstep")
     ],
     "docs/paper.md": [(r"--workers 2", "--workers 1")],
     "docs/render.md": [(r"--episode 3$", "--episode 3 --out both.rrd")],

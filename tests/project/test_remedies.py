@@ -461,15 +461,6 @@ def test_a_dataset_is_divided_as_the_refusal_says(here, capsys, wrong, said, rig
     assert main(["split", "d", *right, *names]) == 0
 
 
-def test_datasets_of_unlike_features_are_merged_once_both_are_paired(here, capsys):
-    for name in ("a", "b"):
-        simulated(here / name, (40, 40))
-    assert main(["pair", "a", "--model", "arm.xml", "--out", "a_paired"]) == 0
-    assert "pair both with the same model" in refused(capsys, "merge", "a_paired", "b", "--out", "both")
-    assert main(["pair", "b", "--model", "arm.xml", "--out", "b_paired"]) == 0
-    assert main(["merge", "a_paired", "b_paired", "--out", "both"]) == 0
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [

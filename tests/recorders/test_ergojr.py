@@ -33,7 +33,7 @@ from nas_data.hardware.virtual_bus.process import VirtualBus
 from nas_data.hardware.virtual_bus.terminal import Options
 from nas_data.hardware.xl320.arm import Xl320, Xl320Arm
 from nas_data.hardware.xl320.control_table import SPEED_UNIT, TICK
-from nas_data.hardware.xl320.joints import make_ergojr_joints
+from nas_data.hardware.xl320.joints import make_ergojr_joints, write_calibration
 from nas_data.recorders.arm_dataset import LATE, LOAD, REPEATED, TEMPERATURE, VOLTAGE
 from nas_data.recorders.arm_motion import ArmEpisode
 from nas_data.recorders.arm_plan import MotionPlan, draw_plan, free_of_contact
@@ -205,11 +205,12 @@ def test_an_arm_that_is_slower_than_the_recorder_is_found_out(capsys):
 # What goes wrong
 
 
-def record_until(fault: str, episodes: int) -> None:
+def record_until(fault: str, episodes: int, *options: str) -> None:
     """Record until a fault, which comes later each time until something is saved before it."""
     word = "," if ":" in fault else ":"
     for after in (3, 5, 8, 13, 21):
-        assert record(*LOCKSTEP, "--episodes", str(episodes), "--fault", f"{fault}{word}after={after}") == 2
+        late = ("--episodes", str(episodes), "--fault", f"{fault}{word}after={after}")
+        assert record(*LOCKSTEP, *late, *options) == 2
         if UNDER_WAY.exists():
             return
 
@@ -257,6 +258,19 @@ def test_a_recording_goes_on_after_a_fault_as_if_nothing_had_happened(folder, ca
     assert read_provenance(finished()).target["tally"]["sittings"] == 2
     plan = draw_plan(ROBOT, protocol_of_short(6), 100.0, 1.745)
     assert whole.commands == pytest.approx(plan.commands.reshape(-1, 6), abs=TICK / 2)
+
+
+def test_a_recording_is_resumed_with_an_equal_calibration_only(folder, capsys):
+    offsets = (0, 4, 0, 0, 0, -3)
+    for name, joints in (("one", offsets), ("equal", offsets), ("other", (0, 5, 0, 0, 0, -3))):
+        write_calibration(folder / f"{name}.json", make_ergojr_joints(joints))
+    record_until("adapter_pulled", 6, "--calibration", "one.json")
+    capsys.readouterr()
+    resumed = (*LOCKSTEP, "--episodes", "6", "--calibration")
+    assert record(*resumed, "other.json") == 2
+    assert "was started with another calibration; give the same to continue" in capsys.readouterr().err
+    assert record(*resumed, "equal.json") == 0
+    assert read_provenance(finished()).target["zero_offsets_ticks"] == list(offsets)
 
 
 def protocol_of_short(episodes: int) -> PlaybackProtocol:

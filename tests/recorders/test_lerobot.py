@@ -255,6 +255,36 @@ def wait_for_safety(known: LeRobotDriver) -> list[int]:
     return found
 
 
+# Resuming
+
+
+def test_a_recording_is_resumed_with_the_same_arm_in_the_same_frame_only(capfd):
+    begun = (
+        *SO101,
+        "--episodes",
+        "9",
+        "--zero",
+        "gripper=0.2",
+        "--effect",
+        "backlash:joint=elbow_flex,half_width=0.03",
+    )
+    assert record(*begun, "--fault", "adapter_pulled:after=2") == 2
+    kept = read(UNDER_WAY).n_episodes
+    assert 0 < kept < 9
+    capfd.readouterr()
+    for options, words in (
+        ((*begun, "--reverse", "shoulder_lift"), "another direction of a joint (--reverse)"),
+        ((*begun[:-4], *begun[-2:]), "another zero of a joint (--zero)"),
+        (begun[:-2], "another set of effects (--effect)"),
+    ):
+        assert record(*options) == 2
+        said = capfd.readouterr().err.splitlines()[-1]
+        assert f"{UNDER_WAY} was started with " in said and words in said and "or another --name." in said
+        assert read(UNDER_WAY).n_episodes == kept
+    assert record(*begun) == 0
+    assert read(finished()).n_episodes == 9
+
+
 # Refusals
 
 

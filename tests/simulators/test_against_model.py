@@ -14,6 +14,15 @@ ARM = """<mujoco><option timestep="0.002" integrator="implicitfast"/><compiler a
 <body pos=".3 0 0"><joint name="elbow" axis="0 1 0" damping=".1"/>
 <geom type="capsule" size=".02" fromto="0 0 0 .2 0 0" mass=".3"/></body></body></worldbody><actuator>
 <position joint="shoulder" kp="40" kv="2"/><position joint="elbow" kp="4" kv=".2"/></actuator></mujoco>"""
+# Gravity compensation carries the arm, and the servos hold springs.
+COMPENSATED = ARM.replace("<body", '<body gravcomp="1"').replace("<joint", '<joint stiffness="1" springref="-2"')
+# A counterweight turns against the shoulder, and weighs more than the arm.
+BALANCED = ARM.replace(
+    "</worldbody>",
+    """<body><joint name="balance" axis="0 1 0" damping="1"/>
+<geom type="capsule" size=".03" fromto="0 0 0 .3 0 0" mass="3" contype="0" conaffinity="0"/></body></worldbody>
+<equality><joint joint1="balance" joint2="shoulder" polycoef="0 -1 0 0 0"/></equality>""",
+)
 RATE, HOLD, POSES = 50, 75, 8
 
 
@@ -23,14 +32,14 @@ def arm(tmp_path):
     return tmp_path / "arm.xml"
 
 
-def recorded(signs: tuple[float, float]) -> Dataset:
+def recorded(signs: tuple[float, float], text: str = ARM) -> Dataset:
     """Poses that the arm holds, as an arm whose joints count with these signs reports them."""
-    model = mujoco.MjModel.from_xml_string(ARM)
+    model = mujoco.MjModel.from_xml_string(text)
     data, rng = mujoco.MjData(model), np.random.default_rng(3)
     positions, commands = [], []
     for pose in rng.uniform(-1.2, 1.2, (POSES, 2)):
         for _ in range(HOLD):
-            positions.append(data.qpos.copy())
+            positions.append(data.qpos[:2].copy())
             commands.append(pose)
             data.ctrl[:] = pose
             mujoco.mj_step(model, data, 10)
@@ -61,6 +70,17 @@ def test_a_sign_is_found_beside_a_joint_without_a_position_servo(arm, signs, wro
     found = check_signs(mixed, mujoco.MjModel.from_xml_string(ARM))
     assert [finding.what.split()[0] for finding in found] == ([wrong] if wrong else [])
     assert any(wrong in finding.what for finding in check(mixed, arm)) if wrong else check(mixed, arm) == []
+
+
+@pytest.mark.parametrize("text", [COMPENSATED, BALANCED], ids=["compensated", "balanced"])
+def test_what_the_servos_need_not_hold_contradicts_nothing(arm, text):
+    arm.write_text(text)
+    assert check(recorded((1, 1), text), arm) == []
+
+
+def test_a_wrong_sign_is_found_beside_a_counterweight():
+    found = check_signs(recorded((-1, 1), BALANCED), mujoco.MjModel.from_xml_string(BALANCED))
+    assert [finding.what.split()[0] for finding in found] == ["shoulder"]
 
 
 def test_where_a_sign_differs_from_the_commands_no_other_cause_is_suggested(arm):

@@ -227,6 +227,19 @@ def test_states_can_be_set_and_the_tip_goes_with_them(bullet, mujoco_arm):
 
 
 @pytest.mark.bullet
+def test_looking_at_the_tip_changes_nothing():
+    """A goal of limited acceleration goes on from where it is."""
+    effects = [parse("acceleration_limit:joint=pendulum,acceleration=5")]
+    simulator = load_simulator("pendulum", PERIOD, effects=effects, engine="bullet")
+    watched, alone = simulator.stepper(1), simulator.stepper(1)
+    for _ in range(60):
+        after = [stepper.step(np.array([[0.6]])) for stepper in (watched, alone)]
+        assert np.array_equal(*after)
+        watched.site_positions("tip")
+    assert alone.states[0, 0] > 0.3
+
+
+@pytest.mark.bullet
 def test_the_floor_carries_the_arm(bullet):
     """Commanded through the floor, the arm lies on it."""
     lowest = []

@@ -4,12 +4,15 @@ import mujoco
 import numpy as np
 import pytest
 from support.recording_samples import recorded_on
+from support.simulator_samples import COUPLED_FINGERS
 from support.truth_samples import FOLDER, PERIOD, record_truth, without_bases
 
 from nas_data.errors import ModelFileError
 from nas_data.log import warn_once
 from nas_data.pairing import pair, read_initial_states
+from nas_data.recorders.path_planner import PathPlanner
 from nas_data.robots.base import find_robot
+from nas_data.simulators.contact import count_contacts, find_contacts
 from nas_data.simulators.mujoco import MujocoSimulator
 
 MODELS = sorted(FOLDER.glob("*.*"))
@@ -93,6 +96,44 @@ def test_what_sets_states_keeps_what_the_constraints_gave_way():
     for command in truth.commands[:20]:
         corrected.set_states(corrected.states)
         np.testing.assert_allclose(corrected.step(command[None]), free.step(command[None]), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["finger_pair.xml", "four_bar.xml"])
+def test_a_simulation_that_diverged_stays_so_while_the_others_are_set(name):
+    stepper = simulator_of(FOLDER / name).stepper(2)
+    n = len(stepper.joints)
+    states = stepper.step(np.zeros((2, n)))
+    states[0, n:] = 1e12
+    stepper.set_states(states)
+    assert np.isnan(stepper.step(np.zeros((2, n)))[0]).all()
+    wanted = np.tile([0.1] * n + [0.0] * n, (2, 1))
+    stepper.set_states(wanted)
+    np.testing.assert_allclose(stepper.states, [[np.nan] * 2 * n, wanted[1]], atol=1e-12)
+    after = stepper.step(wanted[:, :n])
+    assert np.isnan(after[0]).all() and np.isfinite(after[1]).all()
+
+
+def test_a_finger_that_follows_is_seen_to_touch(tmp_path):
+    (tmp_path / "fingers.xml").write_text(COUPLED_FINGERS)
+    simulator = simulator_of(tmp_path / "fingers.xml")
+    poses = np.array([[0.0], [0.055], [0.03]])
+    assert count_contacts(simulator, poses).tolist() == [0, 1, 0]
+    assert [set(find_contacts(simulator, pose)) for pose in poses] == [set(), {("second", "post")}, set()]
+    planner = PathPlanner(find_robot(tmp_path / "fingers.xml"))
+    assert planner.exists(poses[0], poses[2]) and not planner.exists(poses[0], poses[1])
+
+
+def test_a_servo_holds_the_weight_of_the_finger_that_follows(tmp_path):
+    (tmp_path / "fingers.xml").write_text(COUPLED_FINGERS)
+    simulator, planner = simulator_of(tmp_path / "fingers.xml"), PathPlanner(find_robot(tmp_path / "fingers.xml"))
+    pose = np.array([0.02])
+    sag = planner.sag(pose)
+    planner.touches(np.array([0.05]))
+    assert planner.sag(pose) == sag, "no pose that was looked at before matters"
+    at_rest = np.array([[*pose, 0.0]])
+    held, sagging = (simulator.rollout(at_rest, np.tile(c, (1, 200, 1)))[0, -1, 0] for c in (pose - sag, pose))
+    assert held == pytest.approx(pose[0], abs=1e-6)
+    assert abs(sagging - pose[0]) > 0.005
 
 
 def test_a_mimicking_joint_is_neither_given_a_servo_nor_commanded():

@@ -2,6 +2,7 @@
 
 import hashlib
 import math
+import os
 from pathlib import Path
 
 import mujoco
@@ -26,6 +27,7 @@ from nas_data.effects.backlash import Backlash
 from nas_data.effects.load_friction import LoadFriction
 from nas_data.errors import ModelFileError
 from nas_data.robots.base import find_robot
+from nas_data.runs.parallel import count_cores
 from nas_data.simulators import mujoco as simulator_module
 from nas_data.simulators.mujoco import MujocoSimulator
 
@@ -108,6 +110,14 @@ def test_results_depend_neither_on_threads_nor_on_chunks(effects, monkeypatch):
         assert np.array_equal(simulator.rollout(states[:8], episodes), rolled)
     backwards = one.predict(states[::-1], commands[::-1])[::-1]
     assert np.array_equal(backwards, predicted)
+
+
+def test_a_system_that_does_not_restrict_processes_to_cores_uses_all_of_them(monkeypatch):
+    """macOS is one."""
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    monkeypatch.setattr(os, "cpu_count", lambda: 3)
+    assert count_cores() == 3
+    assert MujocoSimulator.load("pendulum", 0.005).threads == 3
 
 
 def test_nothing_to_simulate_is_no_error():

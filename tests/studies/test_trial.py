@@ -8,15 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.command_samples import nas
+from support.truth_samples import FOLDER
 from support.xl320_samples import be_patient, be_quick, virtual
 
-from nas_data.dataset.features import ACTION
+from nas_data.dataset.features import ACTION, STATE
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.effects.base import make_effect
 from nas_data.errors import OutputExists
 from nas_data.gap.report import GapReport
-from nas_data.gap.report_effects import Evidence, FittedParameter, NamedEffect
+from nas_data.gap.report_effects import EffectName, Evidence, FittedParameter, NamedEffect
 from nas_data.gap.report_parts import ArmGap, EpisodeNumbers
 from nas_data.gap.write_model import MODEL
 from nas_data.hardware.xl320.arm import Configuration, Xl320Arm
@@ -28,12 +29,11 @@ from nas_data.recorders.schedule import SteppedClock
 from nas_data.robots.base import find_robot
 from nas_data.simulators.servo_registers import NO_REGISTERS, ServoRegisters
 from nas_data.studies.trial import plan as plans
-from nas_data.studies.trial.change import CHANGES, TestedArm
+from nas_data.studies.trial.change import CHANGES, ChangeNotMade, TestedArm
 from nas_data.studies.trial.changed_arm import Adjustment, ChangedXl320
 from nas_data.studies.trial.outcome import ChangeOutcome, TrialOutcome
-from nas_data.studies.trial.page import build
+from nas_data.studies.trial.page import build, draw_sizes
 from nas_data.studies.trial.plan import TrialPlan, run_trial
-from nas_data.studies.trial.recorder import ChangeNotMade
 from nas_data.studies.trial.simulated import SimulatedArm
 from nas_data.typed_json import from_json
 
@@ -44,6 +44,7 @@ ARM = TestedArm(
     limits=np.full(6, 0.2),
     torques=np.full(6, 0.1),
     speeds=np.full(6, 2.0),
+    radians=np.ones(6),
     mass=0.02,
 )
 
@@ -81,6 +82,14 @@ def test_registers_hold_the_sizes():
 def test_a_torque_limit_needs_that_of_the_model():
     with pytest.raises(ChangeNotMade, match="no torque limit in m3"):
         Adjustment.of(find("weak"), replace(ARM, limits=np.full(6, np.inf)), Configuration())
+
+
+def test_a_size_out_of_range_is_no_change():
+    still = replace(ARM, speeds=np.zeros(6))
+    with pytest.raises(ChangeNotMade, match=r"out of range in m1\. speed_limit: speed is 0\.0; it must lie in 0\.001"):
+        find("slow_base").expect(still)
+    with pytest.raises(ChangeNotMade, match=r"out of range\. command_delay: delay is 3\.0"):
+        find("late").expect(replace(ARM, period=1.0))
 
 
 # the arm
@@ -230,6 +239,21 @@ def test_a_line_and_the_page_show_names_and_truth():
         assert text in page
 
 
+def test_the_chart_of_sizes_shows_right_names_only():
+    unsure, beside = replace(RIGHT, confidence=0.4), name("backlash", "m3", 0.6, half_width=0.01)
+    graded = (grade(RIGHT), grade(unsure), grade(RIGHT, beside))
+    whole = TrialOutcome(arm="ergojr", model="ergojr", baseline=(), baseline_verdict="none", changes=graded)
+    (chart,) = draw_sizes(whole)
+    assert chart.traces[0]["x"] == pytest.approx([1.04])
+    assert draw_sizes(replace(whole, changes=graded[1:])) == []
+
+
+def test_names_of_model_and_joints_keep_their_capitals():
+    found = EffectName(name="backlash", joint="Elbow")
+    whole = TrialOutcome(arm="SO101", model="SO101.xml", baseline=(found,), baseline_verdict="explained", changes=())
+    assert "Baseline: explained; the arm has, and SO101.xml lacks: backlash in Elbow." in build(whole).to_html()
+
+
 # the whole, with recordings of a pendulum and without a search
 
 
@@ -255,7 +279,7 @@ def searches(monkeypatch) -> list[str]:
             values = {key: one["value"] for key, one in true["parameters"].items()}
             report = make_report(name(true["effect"], true["joint"], 0.9, **values))
         out.mkdir(parents=True, exist_ok=True)
-        shutil.copy(find_robot("pendulum").mjcf, out / MODEL)
+        shutil.copy(find_robot(model).mjcf, out / MODEL)
         report.write(out)
         return report
 
@@ -289,6 +313,50 @@ def test_the_command_counts_right_names(tmp_path, searches):
     assert f"{len(CHANGES) - 1} of {len(CHANGES) - 1} named" in answer.out
     again = nas("trial", "sim", *options, "--json").json
     assert again["named"] == again["right_sizes"] == again["changes_made"] == len(CHANGES) - 1
+
+
+@pytest.mark.parametrize(
+    ("joint", "actuator"),
+    [
+        pytest.param("", "", id="none"),
+        pytest.param("", 'forcelimited="false" forcerange="-0.7 0.7"', id="of the actuator, switched off"),
+        pytest.param('actuatorfrclimited="false" actuatorfrcrange="-0.1 0.1"', "", id="of the joint, switched off"),
+    ],
+)
+def test_without_a_torque_limit_no_punch_is_raised(joint, actuator, tmp_path, searches, monkeypatch):
+    monkeypatch.setattr(plans, "CHANGES", (find("punch"), find("late")))
+    text = find_robot("pendulum").mjcf.read_text()
+    text = text.replace('forcerange="-0.7124 0.7124"', actuator).replace('type="hinge"', f'type="hinge" {joint}')
+    path = tmp_path / "unlimited.xml"
+    path.write_text(text)
+    outcome = run_trial(TrialPlan(replace(ARM_OF_ONE, robot=str(path)), str(path)), tmp_path / "trial", lambda _: None)
+    assert outcome.skipped == ("punch: the baseline's model has no torque limit in pendulum",)
+    assert [change.change for change in outcome.right] == ["late"]
+
+
+def test_a_joint_that_stands_still_is_not_slowed_down(tmp_path, searches):
+    still = replace(ARM_OF_ONE, excitation="sine:share=1e-9")
+    outcome = run_trial(TrialPlan(still, "pendulum"), tmp_path / "trial", lambda _: None)
+    assert [line.partition(": its size is out of range in pendulum. ")[0] for line in outcome.skipped] == [
+        "weak",
+        "slow_base",
+        "slow_elbow",
+    ]
+    assert len(outcome.right) == len(CHANGES) - 3
+
+
+def test_sizes_at_a_slide_are_in_metres_and_suit_its_travel(tmp_path, searches, monkeypatch):
+    monkeypatch.setattr(plans, "CHANGES", (find("slow_base"), find("shifted")))
+    axis = str(FOLDER / "linear_axis.xml")
+    outcome = run_trial(TrialPlan(replace(ARM_OF_ONE, robot=axis), axis), tmp_path / "trial", lambda _: None)
+    slow, shifted = outcome.right_sizes
+    assert (slow.unit, shifted.unit) == ("m/s", "m")
+    baseline = read(tmp_path / "trial" / plans.BASELINE)
+    travel = np.ptp(baseline.columns[STATE][:, baseline.joints.index("z")])
+    assert shifted.size == pytest.approx(0.06 * travel / np.pi)
+    stored = json.loads((tmp_path / "trial/stages/record_shifted.json").read_text())["data"]["expected"]
+    assert stored["parameters"]["offset"]["unit"] == "m"
+    assert " rad" not in (tmp_path / "trial/report.html").read_text().split("Every change")[1].split("</table>")[0]
 
 
 @pytest.mark.slow

@@ -127,6 +127,22 @@ GRIPPER = """
 </mujoco>
 """
 
+# two fingers that close on each other; only the second one, which follows the first, meets the post
+COUPLED_FINGERS = """
+<mujoco>
+  <compiler autolimits="true"/>
+  <option integrator="implicitfast"/>
+  <default><joint type="slide" range="0 0.08" damping="2"/></default>
+  <worldbody>
+    <geom name="post" type="box" pos="0 0 -0.03" size="0.01 0.01 0.01"/>
+    <body name="first" pos="0 0 0.1"><joint name="finger" axis="0 0 -1"/><geom size="0.01" mass="0.1"/></body>
+    <body name="second" pos="0 0 -0.1"><joint name="other" axis="0 0 1"/><geom size="0.01" mass="0.3"/></body>
+  </worldbody>
+  <equality><joint joint1="other" joint2="finger"/></equality>
+  <actuator><position name="finger" joint="finger" kp="200" kv="5" inheritrange="1"/></actuator>
+</mujoco>
+"""
+
 HINGE = """
 <mujoco>
   <option timestep="{timestep}"/>

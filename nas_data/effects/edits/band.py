@@ -14,7 +14,7 @@ from nas_data.effects.edits.servo import (
     read_position_feedback,
 )
 from nas_data.errors import ModelFileError
-from nas_data.mjcf.actuator_lookup import BAND, DAMPING, DRIVE, GAIN, GOAL, PARTS, START, START_BAND
+from nas_data.mjcf.actuator_lookup import BAND, DAMPING, DRIVE, GOAL, GOAL_GAIN, PARTS, START, START_BAND
 from nas_data.mjcf.unique_name import make_unique_name
 
 JOINT_COEFFICIENT = 1e-4  # coefficient of the joint in the servo's tendon; that of the goal is 1
@@ -37,7 +37,7 @@ def add_band(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator, half_wi
     Raises:
         ModelFileError: the model uses one of these names for another element.
     """
-    if spec.actuator(joint + GAIN) is None:
+    if spec.actuator(joint + GOAL_GAIN) is None:
         insert_goal(spec, joint, servo)
     present, torque = read_band(spec, joint)
     set_band(spec, joint, present + half_width, torque)
@@ -53,7 +53,7 @@ def add_start_torque(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator,
     Raises:
         ModelFileError: the model uses one of these names for another element.
     """
-    if spec.actuator(joint + GAIN) is None:
+    if spec.actuator(joint + GOAL_GAIN) is None:
         insert_goal(spec, joint, servo)
     half_width, present = read_band(spec, joint)
     set_band(spec, joint, half_width, max(torque, present))
@@ -65,7 +65,7 @@ def replace_band(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator, ban
     Raises:
         ModelFileError: the model uses one of the names for another element, or the servo has an integral gain.
     """
-    if spec.actuator(joint + GAIN) is None and any(band):
+    if spec.actuator(joint + GOAL_GAIN) is None and any(band):
         insert_goal(spec, joint, servo)
     for part in (BAND, START, START_BAND):
         if (actuator := spec.actuator(joint + part)) is not None:
@@ -81,7 +81,7 @@ def set_band(spec: mujoco.MjSpec, joint: str, half_width: float, torque: float) 
     start torque in addition clip(k · z(e), ±torque), written as clip(k · e, ±(k · half_width + torque)) −
     clip(k · e, ±k · half_width).
     """
-    gain = spec.actuator(joint + GAIN)
+    gain = spec.actuator(joint + GOAL_GAIN)
     error, stiffness = gain.target, -float(gain.biasprm[1])
     if spec.actuator(joint + BAND) is None:
         add_feedback(spec, joint + BAND, error, stiffness, 0.0)
@@ -124,7 +124,7 @@ def insert_goal(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator) -> N
     error = add_sum(
         spec, make_unique_name(spec.tendon, joint + "_error"), {joint: 1 - JOINT_COEFFICIENT, goal.name: -1.0}
     )
-    add_feedback(spec, joint + GAIN, error, -kp, 0.0)
+    add_feedback(spec, joint + GOAL_GAIN, error, -kp, 0.0)
     if kv:
         angle = add_sum(spec, make_unique_name(spec.tendon, joint + "_turn"), {joint: 1.0})
         add_feedback(spec, joint + DAMPING, angle, 0.0, -kv)

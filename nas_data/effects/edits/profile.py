@@ -8,7 +8,7 @@ import numpy as np
 from nas_data.effects.edits.band import add_sum, insert_goal
 from nas_data.effects.edits.passive import add_passive
 from nas_data.effects.edits.servo import limit_torque, multiply_servo, read_position_feedback
-from nas_data.mjcf.actuator_lookup import DRIVE, GAIN, GOAL, PROFILE
+from nas_data.mjcf.actuator_lookup import DRIVE, GOAL, GOAL_GAIN, PROFILE
 
 # Measured on random steps of up to 2 rad and on sines, at 4 to 50 rad/s² and timesteps of 1 and 2 ms: the goal deviates
 # from the ideal profile by 0.04° to 0.6° (RMS).
@@ -38,13 +38,13 @@ def limit_goal_acceleration(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsAc
     Raises:
         ModelFileError: the model uses one of these names for another element, or the servo has an integral gain.
     """
-    if spec.actuator(joint + GAIN) is None:
+    if spec.actuator(joint + GOAL_GAIN) is None:
         insert_goal(spec, joint, servo)
     goal = spec.joint(joint + GOAL)
     if spec.actuator(joint + PROFILE) is not None:
         acceleration = min(acceleration, float(goal.actfrcrange[1]) / goal.armature)
         spec.delete(spec.actuator(joint + PROFILE))
-    kp = -float(spec.actuator(joint + GAIN).biasprm[1])
+    kp = -float(spec.actuator(joint + GOAL_GAIN).biasprm[1])
     inertia = kp / (REACTION * acceleration)
     frequency = min(RATE / spec.option.timestep, FASTEST)
     stiffness, damping = inertia * frequency**2, ARRIVAL * inertia * frequency

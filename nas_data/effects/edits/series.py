@@ -148,6 +148,7 @@ def ensure_measured_tendon(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsTendon:
     return tendon
 
 
-def to_file_unit(spec: mujoco.MjSpec, radians: float) -> float:
-    """Convert an angle [rad] to the angle unit of the model file."""
-    return math.degrees(radians) if spec.compiler.degree else radians
+def to_file_unit(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, position: float) -> float:
+    """Convert a joint's position [rad; m] to the unit of the model file; slides are always in metres."""
+    is_angle = joint.type == mujoco.mjtJoint.mjJNT_HINGE
+    return math.degrees(position) if is_angle and spec.compiler.degree else position

@@ -11,8 +11,8 @@ from nas_data.errors import ModelFileError
 from nas_data.mjcf.actuator_lookup import (
     BAND,
     DAMPING,
-    GAIN,
     GOAL,
+    GOAL_GAIN,
     PROFILE,
     REST_SHIFT,
     START,
@@ -113,7 +113,7 @@ def read_position_feedback(actuator: mujoco.MjsActuator) -> float:
 
 def read_servo_stiffness(spec: mujoco.MjSpec, joint: str) -> float:
     """Return the torque of a joint's servo per position error [N·m/rad]; 0 without position feedback."""
-    actuator = find_part(spec, joint, GAIN)
+    actuator = find_part(spec, joint, GOAL_GAIN)
     assert actuator is not None
     return read_position_feedback(actuator) * float(actuator.gear[0]) ** 2
 
@@ -140,7 +140,7 @@ def scale_stiffness(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
     has_profile = spec.actuator(joint + PROFILE) is not None
     if not has_profile:  # with a profile, the servo only moves its goal
         multiply_servo(spec, joint, find_joint_actuator(spec, joint), factor)
-    if (gain := spec.actuator(joint + GAIN)) is None:
+    if (gain := spec.actuator(joint + GOAL_GAIN)) is None:
         return
     half_width, torque = read_band(spec, joint)
     multiply_feedback(gain, factor)
@@ -241,7 +241,7 @@ def multiply_feedback(actuator: mujoco.MjsActuator, factor: float) -> None:
 
 def find_part(spec: mujoco.MjSpec, joint: str, name: str) -> mujoco.MjsActuator | None:
     """Return an actuator of a servo with a goal joint, None if it lacks it; without one, the servo's only actuator."""
-    if spec.actuator(joint + GAIN) is None:
+    if spec.actuator(joint + GOAL_GAIN) is None:
         return find_joint_actuator(spec, joint)
     return spec.actuator(joint + name)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from nas_data.dataset.features import POSITION
 from nas_data.effects.base import read_effects
-from nas_data.errors import CheckpointError, JointMismatch
+from nas_data.errors import CheckpointError
 from nas_data.models import checkpoint as checkpoints
 from nas_data.models.lstm import DynamicsModel
 from nas_data.simulators.base import Simulator
@@ -26,24 +26,12 @@ def load_model(folder: Path, simulator: Simulator) -> DynamicsModel:
     """Load a frozen φ or ψ for a simulator.
 
     Raises:
-        CheckpointError: it is damaged, was trained with another rate or command type, or corrects another source.
-        JointMismatch: it belongs to another robot.
+        CheckpointError: it is damaged, or corrects another source.
+        JointMismatch: it was trained for other joints, another rate or other commands.
     """
     folder = checkpoints.find_checkpoint(folder)
     model = checkpoints.load_for_inference(folder)
-    if model.joints != simulator.joints:
-        raise JointMismatch(
-            f"The checkpoint {folder} was trained for the joints {', '.join(model.joints)}; "
-            f"the environment has {', '.join(simulator.joints)}."
-        )
-    rate = 1 / simulator.period
-    if abs(model.fps / rate - 1) > 1e-3:
-        raise CheckpointError(
-            f"The checkpoint {folder} learned at {model.fps:g} Hz; the environment runs at {rate:g} Hz. "
-            "Record and train at that rate."
-        )
-    if model.commands_effort == (set(simulator.kinds) == {POSITION}):
-        raise CheckpointError(f"The checkpoint {folder} and the environment take different commands (angle, torque).")
+    checkpoints.check_fits(model, simulator, folder)
     if model.kind == "delta":
         check_source(folder, model, simulator)
     return model

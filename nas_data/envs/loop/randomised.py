@@ -9,8 +9,8 @@ from nas_data.dataset.features import EFFORT
 from nas_data.effects.command_delay import CommandDelay
 from nas_data.envs.loop.ranges import RANGES, Factors, Ranges
 from nas_data.mjcf.actuator_lookup import (
-    GAIN,
     GOAL,
+    GOAL_GAIN,
     find_goal_joints,
     find_servo_actuators,
     find_slow_goals,
@@ -58,7 +58,7 @@ class RandomisedStepper(Stepper):
         quick = [goal for goal in find_goal_joints(self.model) if goal not in slow]
         self._goal_dofs = self.model.jnt_dofadr[quick]
         names = [self.model.joint(goal).name.removesuffix(GOAL) for goal in quick]
-        self._goal_gains = [self.model.actuator(name + GAIN).id for name in names]
+        self._goal_gains = [self.model.actuator(name + GOAL_GAIN).id for name in names]
         self._torque = np.array([compute_largest_torque(self.model, joint) for joint in self.joints])
 
     def redraw(self, rngs: Sequence[np.random.Generator], rows: np.ndarray | None = None) -> None:

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from nas_data.errors import ModelFileError
@@ -13,7 +12,7 @@ from nas_data.excitations.triangle import Triangle
 from nas_data.gap.experiments.command_limits import CommandRange, mask_joints
 from nas_data.gap.experiments.discrimination import Explanation, make_batch
 from nas_data.gap.nominal import Nominal
-from nas_data.simulators.mujoco import MujocoSimulator
+from nas_data.simulators.contact import count_contacts
 
 SHARES = (1.0, 0.6, 0.35, 0.2, 0.1, 0.05)  # shares of the command range, tried in this order
 CONTACT_INTERVAL = 0.05  # [s] between contact checks
@@ -127,15 +126,3 @@ def is_harmless(nominal: Nominal, explanation: Explanation, room: CommandRange, 
         return False
     counts = count_contacts(nominal.simulator(), np.array([room.pose, *path[:: room.steps(CONTACT_INTERVAL)]]))
     return bool(counts.max() <= counts[0])
-
-
-def count_contacts(simulator: MujocoSimulator, positions: np.ndarray) -> np.ndarray:
-    """Return the number of contacts in each pose [rad; m] of `positions` (T, n), shape (T,)."""
-    data, counts = mujoco.MjData(simulator.model), []
-    for pose in positions:
-        data.qpos[simulator.layout.qpos] = pose
-        mujoco.mj_kinematics(simulator.model, data)
-        mujoco.mj_comPos(simulator.model, data)
-        mujoco.mj_collision(simulator.model, data)
-        counts.append(data.ncon)
-    return np.array(counts)

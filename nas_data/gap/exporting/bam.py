@@ -17,6 +17,7 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from nas_data.atomic_file import make_file_name, write_atomic
 from nas_data.gap.exporting.identified import Quantity
 
 FOLDER = "bam"
@@ -57,7 +58,7 @@ def write_bam(folder: Path, joints: Sequence[str], quantities: Sequence[Quantity
         if "command_delay" in arm:
             own.setdefault("command_delay", arm["command_delay"])
         content, lost = convert_parameters(own)
-        (place / f"{joint}.json").write_text(json.dumps(content, indent=1), encoding="utf-8")
+        write_atomic(place / f"{make_file_name(joint)}.json", json.dumps(content, indent=1).encode())
         lines += [f"{joint}: {what}" for what in lost]
     return place, lines + [f"the arm's {name}" for name in arm if name != "command_delay"]
 

@@ -148,13 +148,10 @@ def check_contacts(examined: Examined) -> Check:
     )
 
 
-CONSTANT_TOLERANCE = 1e-6  # [rad or N·m] within which a command is constant
-
-
 def check_excitation(examined: Examined) -> Check:
     """Name the joints without enough excitation."""
     evidence = examined.recorded.evidence
-    steady, still = find_constant_commands(evidence), find_unmoved_joints(evidence, examined.floor)
+    steady, still = evidence.find_constant_commands(), find_unmoved_joints(evidence, examined.floor)
     found = [(steady, "the command never changes"), (still & ~steady, "the joint never moves although commanded to")]
     notes = [f"{join_chosen(evidence, chosen)}: {text}" for chosen, text in found if chosen.any()]
     if notes:
@@ -165,11 +162,6 @@ def check_excitation(examined: Examined) -> Check:
 def join_chosen(evidence: EpisodeBatch, chosen: np.ndarray) -> str:
     """Return the names of chosen joints (n,)."""
     return join_items([joint for joint, is_chosen in zip(evidence.joints, chosen, strict=True) if is_chosen])
-
-
-def find_constant_commands(evidence: EpisodeBatch) -> np.ndarray:
-    """Return a mask of the joints with constant commands, shape (n,)."""
-    return np.asarray(np.ptp(evidence.commands[evidence.mask], axis=0) <= CONSTANT_TOLERANCE)
 
 
 def find_unmoved_joints(evidence: EpisodeBatch, floor: np.ndarray) -> np.ndarray:

@@ -90,7 +90,8 @@ def find_best_shifts(examined: Examined) -> tuple[np.ndarray, np.ndarray]:
 
 def measure_shift_errors(examined: Examined, shift: int) -> np.ndarray:
     """Return the error of motions over a short window with shifted commands [rad; m], shape (E, n)."""
-    evidence = shorten_episodes(examined.recorded.evidence)
+    whole = examined.recorded.evidence
+    evidence = whole.select(thin_evenly(len(whole), EPISODES)).first(round(SECONDS / whole.period))
     positional = examined.nominal.simulator().layout.inputs.positional
     try:
         predicted = examined.nominal.predict(shift_commands(evidence, shift, positional))
@@ -101,12 +102,6 @@ def measure_shift_errors(examined: Examined, shift: int) -> np.ndarray:
     moves = np.where(evidence.mask[:, rows:, None], error[:, rows:] - error[:, :-rows], 0.0)
     seen = np.maximum(evidence.mask[:, rows:].sum(1), 1)[:, None]
     return np.sqrt((moves**2).sum(1) / seen) + np.finfo(float).eps
-
-
-def shorten_episodes(evidence: EpisodeBatch) -> EpisodeBatch:
-    """Return the beginnings of some episodes."""
-    part, rows = evidence.select(thin_evenly(len(evidence), EPISODES)), slice(0, round(SECONDS / evidence.period))
-    return replace(part, commands=part.commands[:, rows], measured=part.measured[:, rows], mask=part.mask[:, rows])
 
 
 def shift_commands(evidence: EpisodeBatch, shift: int, positional: np.ndarray) -> EpisodeBatch:

@@ -56,11 +56,10 @@ def compute_torques(
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
         mujoco.mj_fwdActuation(model, data)
-        load[row] = (data.qfrc_bias - data.qfrc_gravcomp)[layout.dof]
-        force[row] = data.qfrc_actuator[layout.dof]
-        if followers is not None and data.qfrc_actuator[followers.dofs].any():  # a shared drive moves them, too
-            carried = followers.velocity_jacobian(data.qpos).T @ data.qfrc_actuator[followers.dofs]
-            force[row] += carried[layout.dof]
+        torques = np.stack([data.qfrc_bias - data.qfrc_gravcomp, data.qfrc_actuator])
+        if followers is not None:  # a shared drive moves them, too
+            torques = torques + torques[:, followers.dofs] @ followers.velocity_jacobian(data.qpos)
+        load[row], force[row] = torques[:, layout.dof]
     return load, force
 
 

@@ -12,7 +12,7 @@ from nas_data.dataset.external import add_remedy
 from nas_data.dataset.provenance import read_provenance
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding import audits
-from nas_data.gap.finding.audits import find_constant_commands, find_unmoved_joints, join_chosen
+from nas_data.gap.finding.audits import find_unmoved_joints, join_chosen
 from nas_data.gap.finding.command_shift import check_command_shift
 from nas_data.gap.finding.conditions import ConditionInputs, find_loads, list_conditions
 from nas_data.gap.finding.joint_gaps import find_joint_gaps
@@ -39,7 +39,7 @@ def check_motion(recorded: RecordedRows, floor: np.ndarray) -> list[str]:
     still = find_unmoved_joints(evidence, floor)
     if still.all():
         return ["No joint moves in any episode, so no gap can be explained: record the arm in motion."]
-    steady = find_constant_commands(evidence)
+    steady = evidence.find_constant_commands()
     notes = []
     if steady.any():
         notes.append(

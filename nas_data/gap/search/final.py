@@ -195,12 +195,10 @@ def list_parameters(
     """
 
     def entry(parameter: Parameter) -> dict[str, object]:
-        value = float(getattr(effect, parameter.name))
-        low, high = interval.get(parameter.name, (value, value))
         return {
-            "value": value,
+            "value": float(getattr(effect, parameter.name)),
             "unit": convert_hinge_unit(parameter.unit, effect.joint in slides),
-            "interval95": [low, high],
+            "interval95": interval.get(parameter.name),
             "episode_range": episode_range.get(parameter.name),
         }
 

@@ -123,7 +123,7 @@ class Hypothesis:
 def excited_joints(task: FitTask) -> set[str]:
     """Return the joints that were commanded to move and moved; the data say nothing about the others."""
     evidence = task.evidence
-    commanded = np.ptp(evidence.commands, axis=1).max(0) > 0
+    commanded = ~evidence.find_constant_commands()
     moved = np.ptp(evidence.measured, axis=1).max(0) > EXCITED_RATIO * task.floor
     return {joint for joint, excited in zip(evidence.joints, commanded & moved, strict=True) if excited}
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from nas_data.arrays import thin_evenly
 from nas_data.dataset.features import EFFORT, POSITION
-from nas_data.effects.base import Scales, find_joint_actuator
-from nas_data.effects.edits.servo import is_velocity_servo, read_servo_damping, read_servo_stiffness
+from nas_data.effects.base import Scales
+from nas_data.effects.edits.servo import is_velocity_servo, read_servo_damping, read_servo_stiffness, read_torque_limit
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.poses import POSES, pose_arm
@@ -66,7 +66,6 @@ def estimate_joint_scales(
 ) -> Scales:
     """Return the scales of the joint of an index; `mass` is that moved by the last joint [kg]."""
     joint = nominal.joints[index]
-    actuator = find_joint_actuator(nominal.spec, joint)
     element = nominal.spec.joint(joint)
     gain = read_servo_stiffness(nominal.spec, joint)
     losses = float(element.damping[0]) + max(read_servo_damping(nominal.spec, joint), 0.0)
@@ -74,9 +73,7 @@ def estimate_joint_scales(
     speed = measure_large_speed(evidence, index)
     radian = find_radian(nominal, model, evidence, index)
     pulls = np.abs(compute_servo_torques(nominal, evidence, predicted, index))[evidence.mask]
-    ranges = (actuator.forcerange * float(actuator.gear[0]), element.actfrcrange)
-    limit = min(float(np.abs(each).max()) or np.inf for each in ranges)
-    torque = min(limit, float(np.percentile(pulls, 98)))
+    torque = min(read_torque_limit(nominal.spec, joint), float(np.percentile(pulls, 98)))
     stiffest = gain or max(torque, 1e-4) / radian
     return Scales(
         stiffness=stiffest,

@@ -1,11 +1,10 @@
 """HTML page of a gap report, and the files of page and figures."""
 
-import re
 from pathlib import Path
 
 import numpy as np
 
-from nas_data.atomic_file import write_atomic
+from nas_data.atomic_file import make_file_name, write_atomic
 from nas_data.count_of import join_items
 from nas_data.gap.report import REPORT, GapReport
 from nas_data.gap.report_effects import NamedEffect
@@ -198,7 +197,7 @@ def show(folder: Path) -> Path:
     report, series = GapReport.read(folder / REPORT), Series.read(folder)
     figures = {"gap_per_joint.png": draw_all_joints(report, series)}
     for joint in find_joints_above(series):
-        name = re.sub(r"[^\w.-]", "_", series.joints[joint])
+        name = make_file_name(series.joints[joint])
         figures[f"joint_{name}.png"] = draw_joint(report, series, joint)
     for stale in (folder / FIGURES).glob("*.png"):
         if stale.name not in figures:

@@ -52,7 +52,9 @@ def make_effects_table(report: GapReport) -> HtmlTable:
 def is_stable(report: GapReport, effect: EffectName) -> str:
     """Return whether two halves of the recording agree on an effect's joint, or on all joints for the whole arm."""
     stable = [joint.stable for name, joint in report.joints.items() if effect.joint in (None, name)]
-    return ("yes" if all(stable) else "no") if stable else NONE
+    if not stable or None in stable:
+        return NONE
+    return "yes" if all(stable) else "no"
 
 
 def make_retuned_table(report: GapReport) -> HtmlTable:

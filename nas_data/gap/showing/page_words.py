@@ -211,7 +211,8 @@ def describe_unexplained(report: GapReport) -> str:
     """Describe a gap that no effect explains."""
     gap = report.gap
     how = "when all its smooth parameters are fitted" if gap.delivered == "plain" else "when its own are retuned"
-    who = "this recording does not decide" if report.experiments else "no effect in the catalogue explains"
+    is_undecided = report.experiments or not report.unexplained
+    who = "this recording does not decide" if is_undecided else "no effect in the catalogue explains"
     return (
         f"Something is missing in {describe_model(report)} that {who}{describe_places(report)}: its error on held-out "
         f"episodes is {format_error(gap, 'before')}, {format_error(gap, 'after')} {how}, and the noise of the readings "

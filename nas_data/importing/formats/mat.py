@@ -43,6 +43,6 @@ def _flatten_structs(variables: dict[str, np.ndarray], inside: str = "") -> Iter
             record = value.ravel()[0]
             yield from _flatten_structs({field: np.asarray(record[field]) for field in value.dtype.names}, name)
         elif value.dtype == object and all(np.asarray(cell).dtype.kind in "US" for cell in value.ravel()):
-            yield name, np.array([str(np.asarray(cell).ravel()[0]) for cell in value.ravel()])
+            yield name, np.array(["".join(map(str, np.ravel(cell))) for cell in value.ravel()])
         elif value.dtype.kind in "biufUS":
             yield name, value

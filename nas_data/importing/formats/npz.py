@@ -28,7 +28,9 @@ def read(path: Path, layout: LogLayout) -> LogTable:
         raise LogError(f"{path} is damaged: {error}; restore it from a copy.") from None
     found = {name: array for name, array in arrays.items() if array is not None}
     columns = {name: array for name, array in found.items() if array.ndim}
-    constants = {name: array.item() for name, array in found.items() if not array.ndim}
+    scalars = {name: array for name, array in found.items() if not array.ndim}
+    # a date in nanoseconds would become a plain integer
+    constants = {name: str(array) if array.dtype.kind in "mM" else array.item() for name, array in scalars.items()}
     return LogTable(path, columns, constants, dict.fromkeys(arrays.keys() - found.keys(), OBJECTS))
 
 

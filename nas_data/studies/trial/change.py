@@ -1,14 +1,20 @@
 """Known changes of an arm: how each is made, and as which effect it should be named."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from nas_data.effects.base import Effect, find_effect, make_effect
+from nas_data.errors import OptionError
+from nas_data.joint_units import convert_hinge_unit
 
 Quantity = Literal["gain", "torque", "speed", "punch", "period", "radian", "mass"]
+
+
+class ChangeNotMade(Exception):
+    """A change cannot be made on this arm; the message is the reason."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,9 +24,11 @@ class TestedArm:
     Attributes:
         joints: Names of the n joints.
         period: Control period [s].
-        limits: Torque limit of each joint in the baseline's model [N·m], infinite for none, shape (n,).
-        torques: Large torque of each joint in the baseline's recording, at most the limit [N·m], shape (n,).
-        speeds: Large speed of each joint in the baseline's recording [rad/s], shape (n,).
+        limits: Torque limit of each joint in the baseline's model [N·m; slides N], infinite for none, shape (n,).
+        torques: Large torque of each joint in the baseline's recording, at most the limit [N·m; N], shape (n,).
+        speeds: Large speed of each joint in the baseline's recording [rad/s; m/s], shape (n,).
+        radians: Equivalent of a radian at each joint [rad; m], shape (n,); see `joint_units.compute_angle_scales`.
+        slides: Names of the slides.
         mass: Mass that is hung on the last link [kg]; 0 for none.
     """
 
@@ -31,6 +39,8 @@ class TestedArm:
     limits: np.ndarray
     torques: np.ndarray
     speeds: np.ndarray
+    radians: np.ndarray
+    slides: Collection[str] = ()
     mass: float
 
     def measure(self, quantity: Quantity, joint: int) -> float:
@@ -41,7 +51,7 @@ class TestedArm:
             "speed": float(self.speeds[joint]),
             "punch": float(self.limits[joint]),
             "period": self.period,
-            "radian": 1.0,
+            "radian": float(self.radians[joint]),
             "mass": self.mass,
         }
         return units[quantity]
@@ -71,16 +81,27 @@ class KnownChange:
     of: Quantity
     register: str = ""
 
-    @property
-    def unit(self) -> str:
-        """Unit of the size, at a hinge."""
-        return next(one.unit for one in find_effect(self.effect).parameters if one.name == self.parameter)
+    def find_unit(self, slide: bool) -> str:
+        """Return the SI unit of the size, at a hinge or a slide."""
+        unit = next(one.unit for one in find_effect(self.effect).parameters if one.name == self.parameter)
+        return convert_hinge_unit(unit, slide)
 
     def expect(self, arm: TestedArm) -> Effect:
-        """Return the effect as which the change should be named, with its size."""
+        """Return the effect as which the change should be named, with its size.
+
+        Raises:
+            ChangeNotMade: the size is a multiple of a torque limit that the model lacks, or the effect cannot have it.
+        """
         index = 0 if self.joint is None else self.joint % len(arm.joints)
         joint = None if self.joint is None else arm.joints[index]
-        return make_effect(self.effect, joint, {self.parameter: self.size * arm.measure(self.of, index)})
+        size = self.size * arm.measure(self.of, index)
+        if np.isinf(size):
+            raise ChangeNotMade(f"the baseline's model has no torque limit in {joint}")
+        try:
+            return make_effect(self.effect, joint, {self.parameter: size})
+        except OptionError as error:
+            where = f" in {joint}" if joint else ""
+            raise ChangeNotMade(f"its size is out of range{where}. {error}") from None
 
 
 # Each is large enough to be seen in a minute of slow motion, and small enough to be safe. They are spread over joints.
@@ -114,7 +135,7 @@ CHANGES = (
         joint=None, size=3.0, of="period",
     ),
     KnownChange(
-        name="shifted", does="calibration shifted by 0.06 rad between goals and readings", effect="joint_offset",
+        name="shifted", does="calibration shifted between goals and readings", effect="joint_offset",
         parameter="offset", joint=5, size=0.06, of="radian",
     ),
     KnownChange(

@@ -11,8 +11,7 @@ from nas_data.errors import ArmError
 from nas_data.hardware.xl320.arm import FULL, Configuration, Xl320, Xl320Arm
 from nas_data.hardware.xl320.control_table import encode_speed_limit
 from nas_data.log import warn
-from nas_data.studies.trial.change import KnownChange, TestedArm
-from nas_data.studies.trial.recorder import ChangeNotMade
+from nas_data.studies.trial.change import ChangeNotMade, KnownChange, TestedArm
 
 
 @dataclass(frozen=True, kw_only=True)

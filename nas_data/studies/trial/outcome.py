@@ -1,6 +1,6 @@
 """Outcome of a trial: what was named after each known change, how large, and how many names are right."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from nas_data.effects.base import Effect
@@ -66,15 +66,24 @@ class ChangeOutcome:
     verdict: str
 
     @classmethod
-    def of(cls, change: KnownChange, expected: Effect, report: GapReport) -> "ChangeOutcome":
-        """Compare a report with the effect that it should name."""
+    def of(
+        cls, change: KnownChange, expected: Effect, report: GapReport, slides: Collection[str] = ()
+    ) -> "ChangeOutcome":
+        """Compare a report with the effect that it should name.
+
+        Args:
+            change: The change.
+            expected: Effect that should be named.
+            report: The report.
+            slides: Names of the slides.
+        """
         return cls(
             change=change.name,
             does=change.does,
             true=EffectName(name=expected.name(), joint=expected.joint),
             parameter=change.parameter,
             size=float(getattr(expected, change.parameter)),
-            unit=change.unit,
+            unit=change.find_unit(expected.joint in slides),
             named=tuple(GivenName.of(found, change.parameter) for found in report.effects),
             verdict=report.verdict,
         )

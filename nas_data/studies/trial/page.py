@@ -1,6 +1,6 @@
 """HTML page of a trial: how many names are right, each name beside the truth, and the sizes with their intervals."""
 
-from nas_data.gap.showing.page_words import format_value
+from nas_data.gap.showing.page_words import capitalise, format_value
 from nas_data.reports.charts import make_axis, make_dots
 from nas_data.reports.page import Block, Chart, HtmlPage, HtmlTable, PageSection, Text
 from nas_data.reports.style import BLUE, LIGHT, Stroke
@@ -24,7 +24,7 @@ def build(outcome: TrialOutcome) -> HtmlPage:
             [
                 Text(outcome.sentence(), lead=True),
                 Text(explanation),
-                Text(outcome.describe_baseline().capitalize() + "."),
+                Text(capitalise(outcome.describe_baseline()) + "."),
             ],
         ),
         PageSection("Sizes", draw_sizes(outcome)),
@@ -51,8 +51,8 @@ def make_row(change: ChangeOutcome) -> tuple[str, ...]:
 
 
 def draw_sizes(outcome: TrialOutcome) -> list[Block]:
-    """Return the chart of the named sizes relative to the true ones; nothing if no true effect is named."""
-    found = [(change, match) for change in outcome.changes if (match := change.match) is not None and match.value]
+    """Return the chart of the rightly named sizes relative to the true ones; nothing if no name is right."""
+    found = [(change, match) for change in outcome.right if (match := change.match) is not None and match.value]
     if not found:
         return []
     names = [f"{change.change}: {change.true}" for change, _ in found]

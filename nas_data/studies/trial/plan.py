@@ -7,27 +7,27 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import mujoco
 import numpy as np
 
 from nas_data.atomic_file import write_atomic
 from nas_data.dataset.features import ACTION
 from nas_data.dataset.layout import INFO
 from nas_data.dataset.read import read
-from nas_data.effects.base import Effect, find_joint_actuator, from_json
-from nas_data.effects.edits.servo import read_servo_stiffness
+from nas_data.effects.base import Effect, from_json
+from nas_data.effects.edits.servo import read_servo_stiffness, read_torque_limit
 from nas_data.gap.report import REPORT, GapReport
 from nas_data.gap.report_effects import EffectName
 from nas_data.gap.workflow import investigate
 from nas_data.gap.write_model import MODEL
+from nas_data.joint_units import compute_angle_scales
 from nas_data.robots.base import read_spec
 from nas_data.runs.progress import RateLimited
 from nas_data.runs.progress import Report as Say
 from nas_data.runs.stages import INDENT, WIDTH, Stage, StageResult, Work, read_stage, run_stages
-from nas_data.studies.trial.change import CHANGES, KnownChange, TestedArm
+from nas_data.studies.trial.change import CHANGES, ChangeNotMade, KnownChange, TestedArm
 from nas_data.studies.trial.outcome import ChangeOutcome, TrialOutcome
 from nas_data.studies.trial.page import build
-from nas_data.studies.trial.recorder import ArmRecorder, ChangeNotMade
+from nas_data.studies.trial.recorder import ArmRecorder
 from nas_data.typed_json import as_object, make_finite
 
 BASELINE, RESULT, PAGE = "baseline", "trial.json", "report.html"
@@ -148,12 +148,12 @@ def name_recording(work: TrialWork, name: str, model: str, baseline: Path | None
 def record_change(work: TrialWork, change: KnownChange) -> StageResult:
     """Make a change and record the arm; the result tells the effect as which it should be named."""
     arm = measure_arm(work)
-    data = {"expected": change.expect(arm).to_json()}
     try:
+        expected = change.expect(arm)
         made = record_once(work, change.name, lambda folder: work.plan.recorder.record_change(folder, change, arm))
     except ChangeNotMade as error:
         return StageResult([f"skipped: {error}"], {"skipped": str(error)})
-    return StageResult(made.lines, data)
+    return StageResult(made.lines, {"expected": expected.to_json(arm.slides)})
 
 
 def measure_arm(work: TrialWork) -> TestedArm:
@@ -171,15 +171,10 @@ def measure_arm(work: TrialWork) -> TestedArm:
         limits=limits,
         torques=np.minimum(limits, stiffness * np.percentile(np.abs(errors), LARGE, axis=0)),
         speeds=np.percentile(np.abs(steps), LARGE, axis=0) * dataset.fps / gap,
+        radians=compute_angle_scales(dataset.joints, dataset.slides, np.ptp(dataset.states[:, :n], axis=0)),
+        slides=dataset.slides,
         mass=work.plan.recorder.mass,
     )
-
-
-def read_torque_limit(spec: mujoco.MjSpec, joint: str) -> float:
-    """Return the torque limit of a joint's servo [N·m]; infinite for none."""
-    actuator, element = find_joint_actuator(spec, joint), spec.joint(joint)
-    ranges = (actuator.forcerange * float(actuator.gear[0]), element.actfrcrange)
-    return min(float(np.abs(each).max()) or np.inf for each in ranges)
 
 
 def name_change(work: TrialWork, change: KnownChange) -> StageResult:
@@ -189,7 +184,12 @@ def name_change(work: TrialWork, change: KnownChange) -> StageResult:
         return StageResult(["skipped, as its recording"], {})
     model = work.folder / gap_folder(BASELINE) / MODEL
     report = name_recording(work, change.name, str(model), work.folder / BASELINE)
-    return StageResult([ChangeOutcome.of(change, read_expected(work, change), report).line()], {})
+    return StageResult([compare(work, change, report).line()], {})
+
+
+def compare(work: TrialWork, change: KnownChange, report: GapReport) -> ChangeOutcome:
+    """Compare the report of a recorded change with the effect that it should name."""
+    return ChangeOutcome.of(change, read_expected(work, change), report, read(work.folder / BASELINE).slides)
 
 
 def read_expected(work: TrialWork, change: KnownChange) -> Effect:
@@ -209,9 +209,7 @@ def collect(work: TrialWork) -> TrialOutcome:
         baseline=tuple(EffectName(name=effect.name, joint=effect.joint) for effect in baseline.effects),
         baseline_verdict=baseline.verdict,
         changes=tuple(
-            ChangeOutcome.of(
-                change, read_expected(work, change), GapReport.read(work.folder / gap_folder(change.name) / REPORT)
-            )
+            compare(work, change, GapReport.read(work.folder / gap_folder(change.name) / REPORT))
             for change, data in made.items()
             if "skipped" not in data
         ),

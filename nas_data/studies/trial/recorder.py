@@ -7,10 +7,6 @@ from typing import Protocol
 from nas_data.studies.trial.change import KnownChange, TestedArm
 
 
-class ChangeNotMade(Exception):
-    """A change cannot be made on this arm; the message is the reason."""
-
-
 class ArmRecorder(Protocol):
     """Records an arm; equal recorders play equal commands in every recording."""
 

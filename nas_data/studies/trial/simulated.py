@@ -11,8 +11,7 @@ from nas_data.dataset.versions import save
 from nas_data.effects.base import Effect, add_effects, parse
 from nas_data.errors import ModelFileError
 from nas_data.robots.base import find_deepest_joint, find_robot
-from nas_data.studies.trial.change import KnownChange, TestedArm
-from nas_data.studies.trial.recorder import ChangeNotMade
+from nas_data.studies.trial.change import ChangeNotMade, KnownChange, TestedArm
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -132,7 +132,10 @@ def fit_candidates(search: Search, kept: Hypothesis, around: Fit, candidates: Se
 
     quick = map_in_parallel(fit_briefly, candidates)
     ranked = sorted((h for h in quick if h and not search.ends_with_equivalent(h)), key=lambda h: h.score)
-    ahead = [h for h in ranked if h.score < ranked[0].score + FAR_BEHIND][:MAX_ALTERNATIVES]
+    # one that gains much may gain more than the best: its first-order estimate may be far from its value
+    ahead = [h for h in ranked if h.score < ranked[0].score + FAR_BEHIND or kept.score.over(h.score) > FAR_BEHIND][
+        :MAX_ALTERNATIVES
+    ]
     thorough = map_in_parallel(lambda h: optional_parameters.apply(search, search.fit_further(h)), ahead)
     return sorted([*thorough, *ranked[len(ahead) :]], key=lambda h: h.score)
 

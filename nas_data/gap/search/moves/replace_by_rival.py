@@ -20,7 +20,7 @@ from nas_data.gap.search.search import Search
 from nas_data.gap.search.torque_scale import Start, find_sufficient_ratio, leave_out
 from nas_data.gap.side_by_side import map_in_parallel
 
-GAIN = "servo_stiffness"  # effect
+STIFFNESS = "servo_stiffness"  # effect
 
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
@@ -130,14 +130,14 @@ def replace_by_gain(search: Search, h: Hypothesis, number: int) -> Start | None:
     effect, taken = h.effects[number], h.description
     kinds = {parameter.kind for parameter in search.train.nominal.base if parameter.joint == effect.joint}
     known = [effect_key(other) for other in h.effects]
-    if "gain" not in kinds or f"{effect.joint}.gain" in taken.freed or (GAIN, effect.joint) in known:
+    if "gain" not in kinds or f"{effect.joint}.gain" in taken.freed or (STIFFNESS, effect.joint) in known:
         return None
     spec = search.train.nominal.spec
     ratio, rest = find_sufficient_ratio(effect, spec), leave_out(taken, h.fit.factors, spec, number)
-    if ratio is None or rest is None or GAIN in taken.shared:  # a shared gain belongs to other joints
+    if ratio is None or rest is None or STIFFNESS in taken.shared:  # a shared gain belongs to other joints
         return None
-    first = find_effect(GAIN).parameters[0]
-    gain = make_effect(GAIN, effect.joint, {first.name: min(max(ratio, first.low), first.high)})
+    first = find_effect(STIFFNESS).parameters[0]
+    gain = make_effect(STIFFNESS, effect.joint, {first.name: min(max(ratio, first.low), first.high)})
     return rest[0].add_effects(gain), rest[1]
 
 
