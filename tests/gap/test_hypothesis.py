@@ -209,7 +209,7 @@ def test_a_joint_that_stood_still_tells_no_cause(task: FitTask):
 
 def test_a_joint_with_one_goal_in_each_episode_is_excited(task: FitTask):
     """Steps to targets: the command changes between episodes only."""
-    goals = np.broadcast_to(np.arange(3.0)[:, None, None], task.evidence.commands.shape).copy()
+    goals = np.zeros(task.evidence.commands.shape) + np.arange(len(task.evidence))[:, None, None]
     goals[..., 1] = 0.3
     steps = replace(task, evidence=replace(task.evidence, commands=goals))
     assert excited_joints(steps) == {"j1", "j3"}
