@@ -56,11 +56,11 @@ class GapAdd(TakesModel):
         begin("writing and evaluating the model")
         final = FinalFit(named.effects, named.retuned, ())
         self.out.mkdir(parents=True, exist_ok=True)
-        given = named.path.parent / EFFECTS
-        exact = given.read_bytes() if given.is_file() else None  # a report.json beside it has rounded values
+        kept = self.out / EFFECTS
+        exact = kept.read_bytes() if kept.is_file() and named.rounds(kept) else None
         outcome = score_model(problem, final, FinalFit((), {}, ()), FinalFit((), {}, ()), self.out)
-        if exact is not None and given.resolve() == (self.out / EFFECTS).resolve():
-            write_atomic(given, exact)
+        if exact is not None:
+            write_atomic(kept, exact)
         found = measure_gap(problem.held, outcome)
         shown = " and ".join(
             f"{unit.text(errors.before, 3)} before, {unit.text(errors.after, 3)} after"

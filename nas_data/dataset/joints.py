@@ -15,7 +15,7 @@ LARGEST_LENGTH = 10.0  # [m] slides of arms stay below, millimetres exceed it
 ANGULAR = {POSITION: ("rad",), VELOCITY: ("rad/s",), EFFORT: ("N·m", "N*m", "N m", "Nm")}
 LINEAR = {POSITION: ("m",), VELOCITY: ("m/s",), EFFORT: ("N",)}
 SERVO_RESOLUTION = 4096  # [ticks per turn] of the servos that LeRobot's arms have
-MIN_READINGS = 8  # distinct readings needed to find their step
+MIN_READINGS = 8  # distinct multiples of a step needed to find it
 GRID_TOLERANCE = 0.03  # [ticks] tolerance of the grid; float32 resolves a thousandth of a tick
 REMEDY = "import it with a map that gives the unit (nas import --map)"
 NAMES = "import it with a map that gives the joints (nas import --map)"
@@ -115,11 +115,11 @@ def list_degree_steps(resolution: int = SERVO_RESOLUTION) -> tuple[float, float]
 
 
 def is_on_grid(values: np.ndarray, step: float) -> bool | None:
-    """Return whether readings are multiples of a step apart; None if too few differ."""
+    """Return whether readings are multiples of a step apart; None if too few multiples differ."""
     different = np.unique(values)
-    if len(different) < MIN_READINGS:
+    counts = (different - different[:1]) / step
+    if len(np.unique(np.round(counts))) < MIN_READINGS:
         return None
-    counts = (different - different[0]) / step
     return bool((np.abs(counts - np.round(counts)) < GRID_TOLERANCE).all())
 
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 import mujoco
 
 from nas_data.effects.base import Effect, Parameter, Scales
-from nas_data.robots.base import list_arm_joints
+from nas_data.robots.base import list_actuated_joints, list_arm_joints
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,13 +32,14 @@ class GravityCompensation(Effect):
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Compensate this share of the gravity that the model does not compensate already."""
-        driven = set(list_arm_joints(spec))
-        for body in spec.bodies:
-            if is_moved(body, driven):
+        others = set(list_actuated_joints(spec)) - set(list_arm_joints(spec))
+        for body in spec.bodies[1:]:
+            if is_carried(body, others):
                 body.gravcomp += self.share * (1.0 - body.gravcomp)
 
 
-def is_moved(body: mujoco.MjsBody, joints: Collection[str]) -> bool:
-    """Whether one of the joints moves a body."""
-    own = any(joint.name in joints for joint in body.joints)
-    return own or (body.parent is not None and is_moved(body.parent, joints))
+def is_carried(body: mujoco.MjsBody, others: Collection[str]) -> bool:
+    """Whether the arm carries a body: no free joint, as of an object, and no joint of another arm moves it."""
+    loose = (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL)
+    own = not any(joint.type in loose or joint.name in others for joint in body.joints)
+    return own and (body.parent is None or is_carried(body.parent, others))

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.effects.base import Effect
+from nas_data.errors import ModelFileError
 from nas_data.gap.floor import compute_floor_ratios
 from nas_data.gap.name import Finding, Naming
 from nas_data.gap.nominal import Nominal
@@ -201,7 +202,15 @@ def measure_gap(held: FitTask, outcome: HeldOutResult, conditioning: float | Non
 
     Errors over hinges are at the top if there are any. For an arm with slides as well, their errors are under `slides`,
     because radians and metres have no common mean.
+
+    Raises:
+        ModelFileError: the given model or that with the effects diverges.
     """
+    if not (outcome.before.is_finite and outcome.after.is_finite):
+        raise ModelFileError(
+            "The model diverges in MuJoCo on a held-out episode; shorten its timestep, or correct its effects and "
+            "retuned parameters."
+        )
     models = {
         "before": outcome.before, "plain": outcome.plain, "after": outcome.after, "after_model_xml": outcome.written,
     }  # fmt: skip

@@ -97,7 +97,8 @@ class Delivery:
         """Return another model with the names as found, which `effects.json` then holds."""
         final = self.naming.final
         write_effects(self.folder, final.effects, final.factors, self.problem.held.nominal, other.contains)
-        return self.naming, replace(other, after=self.outcome.after)
+        after = self.outcome.after
+        return self.naming, replace(other, after=after if after.is_finite else other.written)
 
     @property
     def names(self) -> Description:

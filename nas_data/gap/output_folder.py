@@ -1,7 +1,7 @@
 """Output folder of a gap report, which may only replace an earlier report."""
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -61,19 +61,21 @@ def stage_report(folder: Path) -> Iterator[Path]:
     place.mkdir(parents=True)
     try:
         yield place
-        clear_report(folder)
-        if (place / PHI).is_dir():
-            shutil.rmtree(folder / PHI, ignore_errors=True)
-        for path in [path for path in place.rglob("*") if path.is_file()]:
-            target = folder / path.relative_to(place)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            path.replace(target)
-    finally:
+    except BaseException:
         shutil.rmtree(place, ignore_errors=True)
+        raise
+    new = [path.relative_to(place) for path in place.rglob("*") if path.is_file()]
+    if any(path.parts[0] == PHI for path in new):
+        shutil.rmtree(folder / PHI, ignore_errors=True)
+    for path in sorted(new, key=lambda path: path.name == MARKS[0]):  # the report itself last
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (place / path).replace(folder / path)
+    clear_report(folder, keep=[str(path) for path in new])
+    shutil.rmtree(place, ignore_errors=True)
 
 
-def clear_report(folder: Path) -> None:
-    """Remove the files of an earlier report, except its φ."""
-    for name in FILES:
+def clear_report(folder: Path, keep: Collection[str] = ()) -> None:
+    """Remove the files of an earlier report, except its φ and some names."""
+    for name in set(FILES).difference(keep):
         (folder / name).unlink(missing_ok=True)
     shutil.rmtree(folder / "figures", ignore_errors=True)

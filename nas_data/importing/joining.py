@@ -9,7 +9,7 @@ from nas_data.errors import LogError
 from nas_data.importing.map import Map
 from nas_data.importing.table import LogTable
 
-UNMATCHED_REFUSED = 0.1  # share of a log without a match at its ends above which it is refused
+UNMATCHED_REFUSED = 0.5  # share of a log without a match at its ends above which it is refused
 
 
 def join_table(time: np.ndarray, given: np.ndarray, table: LogTable, mapping: Map, key: str) -> np.ndarray:
@@ -32,17 +32,20 @@ def join_table(time: np.ndarray, given: np.ndarray, table: LogTable, mapping: Ma
     # Positions of further joints belong to the same moment, whatever the join of the commands.
     method = "nearest" if key in mapping.position.source.tables else mapping.layout.join
     commanded = any(part.table == key for part in mapping.command.source.parts)
-    ahead = _measure_period(time) / 2 if commanded and mapping.alignment == "action_follows_state" else 0.0
+    ahead = _measure_half_steps(time) if commanded and mapping.alignment == "action_follows_state" else 0.0
     return match_rows(time, given, method, mapping.layout.tolerance, ahead)
 
 
-def _measure_period(time: np.ndarray) -> float:
-    """Return the typical step of the time [s]; 0 if it never increases."""
-    steps = np.diff(time)
-    return float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+def _measure_half_steps(time: np.ndarray) -> np.ndarray:
+    """Return half the step after each row, at most half the typical step [s], shape (N,)."""
+    steps = np.clip(np.diff(time), 0.0, None)
+    typical = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    return np.minimum(np.append(steps, typical), typical) / 2
 
 
-def match_rows(wanted: np.ndarray, given: np.ndarray, method: str, tolerance: float, ahead: float = 0.0) -> np.ndarray:
+def match_rows(
+    wanted: np.ndarray, given: np.ndarray, method: str, tolerance: float, ahead: np.ndarray | float = 0.0
+) -> np.ndarray:
     """Find the row of another table for each wanted time.
 
     A controller reads a state and sends its command some milliseconds later. This command acts in the step after the
@@ -54,7 +57,7 @@ def match_rows(wanted: np.ndarray, given: np.ndarray, method: str, tolerance: fl
         given: Times of the other table in ascending order [s], shape (M,).
         method: `nearest` row, or the `previous` one (the last at or before the wanted time).
         tolerance: Largest difference [s].
-        ahead: Time by which the previous row may be later than the wanted time [s].
+        ahead: Time by which the previous row may be later than the wanted time [s], one for all or shape (N,).
 
     Returns:
         Rows of the other table, shape (N,); -1 if none is within the tolerance.
@@ -129,7 +132,12 @@ def report_ends(
             f"the {end} {seconds:.3g} s, {table.name_rows(rows)}, have nothing in {names} within {tolerance:g} s and "
             "are left out"
         )
-        remedy = "raise the tolerance of [join], or add allow = ['unmatched_ends'] to [audit]" if refused else ""
+        remedy = ""
+        if refused:
+            remedy = (
+                "add allow = ['unmatched_ends'] to [audit] to import the rest, or raise the tolerance of [join] if a "
+                "command holds until the next one"
+            )
         numbers = rows if table.rows is None else table.rows[rows]
         found.append(AuditFinding("unmatched_ends", str(log), what, remedy, tuple(numbers.tolist()), error=refused))
     return found

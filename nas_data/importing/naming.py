@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from nas_data.errors import LogError, MapError
-from nas_data.importing.map import Map
+from nas_data.importing.map import LogColumns, Map
 from nas_data.importing.table import Column, LogTable
 
 SHOWN = 8  # most names listed in a message
@@ -47,7 +47,7 @@ def arrange(table: LogTable, mapping: Map, key: str, required: bool) -> LogTable
         return table
     if isinstance(rows, tuple):
         rows = [rows] * len(table.column(mapping.find_parts(key)[0].columns[0]))
-    return _rearrange_vectors(table, mapping, key, rows, given or mapping.joints)
+    return _rearrange_vectors(table, mapping, key, rows)
 
 
 def find_names_column(table: LogTable, mapping: Map) -> str | None:
@@ -94,9 +94,7 @@ def _compare(table: LogTable, mapping: Map, found: Sequence[str]) -> None:
     )
 
 
-def _rearrange_vectors(
-    table: LogTable, mapping: Map, key: str, rows: list[tuple[str, ...]], wanted: tuple[str, ...]
-) -> LogTable:
+def _rearrange_vectors(table: LogTable, mapping: Map, key: str, rows: list[tuple[str, ...]]) -> LogTable:
     """Reorder the vectors that the map reads to its joint order; those it picks components of stay as they are.
 
     Args:
@@ -104,43 +102,67 @@ def _rearrange_vectors(
         mapping: The map.
         key: Name of the file or topic in the map.
         rows: Names in each row.
-        wanted: Names of the map's joints in the log.
     """
     parts = mapping.find_parts(key)
+    default = _choose_default_names(parts, rows, mapping.joints)
     picked = {part.columns[0] for part in parts if part.components}
-    vectors = {name for part in parts for name in part.columns if _holds_lists(table.columns.get(name))} - picked
-    kinds = {names: _find_indices(names, wanted) for names in dict.fromkeys(rows)}
-    kept = np.array([kinds[names] is not None for names in rows])
-    if not kept.any() and vectors:
+    wanted: dict[str, tuple[str, ...]] = {}  # names of the components of each vector
+    for part in parts:
+        for name in part.columns:
+            if _holds_lists(table.columns.get(name)) and name not in picked:
+                names = part.names or default
+                if wanted.setdefault(name, names) != names:
+                    raise MapError(
+                        f"{table.path}: the map reads '{name}' with names = [{', '.join(wanted[name])}] and with "
+                        f"[{', '.join(names)}]; give all joints one list, or read components = […] of it."
+                    )
+    lists = list(dict.fromkeys(wanted.values())) or [default]
+    found = {each: {names: _find_indices(names, each) for names in dict.fromkeys(rows)} for each in lists}
+    kept = np.array([any(kinds[names] is not None for kinds in found.values()) for names in rows])
+    if not kept.any() and wanted:
         raise MapError(
-            f"{table.path}: no row names a joint of the map ({', '.join(wanted)}); the first names "
+            f"{table.path}: no row names a joint of the map ({', '.join(lists[0])}); the first names "
             f"{', '.join(rows[0][:SHOWN]) or 'none'}. Use the names of the log in 'joints' of the map, or give them in "
             f"the order of 'joints' with names = […] in {_name_section(mapping, key)}."
         )
+    kept = kept if kept.any() else ~kept
     if picked:
-        kept = kept if kept.any() else ~kept
         _refuse_changing_names(table, rows, kept)
-        _refuse_other_components(table, mapping, key, rows[int(np.argmax(kept))], wanted)
-    if not vectors:
-        return _take_rows(table, kept)
-    partial = next((row for row, names in enumerate(rows) if -1 in (kinds[names] or ())), None)
-    if partial is not None:
-        missing = next(joint for joint in wanted if joint not in rows[partial])
-        there = ", ".join(rows[partial][:SHOWN])
-        remedy = "write its rows together with the others'"
-        if mapping.layout.topics:
-            remedy = (
-                f"name {mapping.layout.topics[key]} once for each joint in [topics], and set topic = [one per joint]"
-            )
-        raise LogError(
-            f"{table.path}: {table.name_rows([partial])} lacks the joint '{missing}'; it has {there}. A row must have "
-            f"all joints of the map or none: remove this one from 'joints', or {remedy}."
-        )
-    places = np.array([kinds[names] for names, keep in zip(rows, kept, strict=True) if keep])
-    widths = [len(names) for names, keep in zip(rows, kept, strict=True) if keep]
+        _refuse_other_components(table, mapping, key, rows[int(np.argmax(kept))], default)
+    chosen = [names for names, keep in zip(rows, kept, strict=True) if keep]
+    widths = [len(names) for names in chosen]
+    for each in dict.fromkeys(wanted.values()):
+        _refuse_partial_rows(table, mapping, key, rows, kept, each)
+    places = {each: np.array([found[each][names] for names in chosen]) for each in wanted.values()}
     kept_table = _take_rows(table, kept)
-    reordered = {name: _reorder(kept_table.columns[name], places, widths) for name in vectors}
+    reordered = {name: _reorder(kept_table.columns[name], places[each], widths) for name, each in wanted.items()}
     return replace(kept_table, columns={**kept_table.columns, **reordered})
+
+
+def _choose_default_names(
+    parts: Sequence[LogColumns], rows: Sequence[tuple[str, ...]], joints: tuple[str, ...]
+) -> tuple[str, ...]:
+    """Return the names of vectors without names of their own: the joints', unless no row but another part has them."""
+    given = next((part.names for part in parts if part.names), joints)
+    return joints if any(not set(joints).isdisjoint(names) for names in dict.fromkeys(rows)) else given
+
+
+def _refuse_partial_rows(
+    table: LogTable, mapping: Map, key: str, rows: Sequence[tuple[str, ...]], kept: np.ndarray, wanted: tuple[str, ...]
+) -> None:
+    """Refuse rows that have some of the wanted names only."""
+    partial = next((int(row) for row in np.flatnonzero(kept) if not set(wanted) <= set(rows[row])), None)
+    if partial is None:
+        return
+    missing = next(joint for joint in wanted if joint not in rows[partial])
+    there = ", ".join(rows[partial][:SHOWN])
+    remedy = "write its rows together with the others'"
+    if mapping.layout.topics:
+        remedy = f"name {mapping.layout.topics[key]} once for each joint in [topics], and set topic = [one per joint]"
+    raise LogError(
+        f"{table.path}: {table.name_rows([partial])} lacks the joint '{missing}'; it has {there}. A row must have "
+        f"all joints of the map or none: remove this one from 'joints', or {remedy}."
+    )
 
 
 def _refuse_changing_names(table: LogTable, rows: list[tuple[str, ...]], kept: np.ndarray) -> None:

@@ -60,6 +60,8 @@ def check_replaceable(folder: Path) -> None:
     """
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
         return
+    if (folder / WEIGHTS).is_file() and not (folder / CONFIG).exists():
+        return  # an interrupted replacement
     try:
         config = json.loads((folder / CONFIG).read_text(encoding="utf-8"))
     except (OSError, ValueError):

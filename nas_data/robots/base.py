@@ -21,7 +21,7 @@ from nas_data.mjcf.check_rest import check_rest
 from nas_data.mjcf.default_servos import add_position_servos, add_torque_motors, find_motor_joints
 from nas_data.mjcf.engine_warnings import collect_warnings, log_warnings
 from nas_data.mjcf.floating_base import find_floating_bases, fix_bases
-from nas_data.mjcf.measured_joints import read_measured_joints
+from nas_data.mjcf.measured_joints import MEASURED, read_measured_joints
 from nas_data.mjcf.shared_drives import add_shared_drives, find_shared_drives
 from nas_data.visible_files import list_visible_files
 
@@ -31,7 +31,7 @@ URDF = ".urdf"
 KNOWN = (".xml", URDF)  # file suffixes that MuJoCo reads
 TORQUES = ":torque"  # suffix of a URDF's path for torque motors instead of position servos
 PREFIX = "nas_"  # prefix of the constants of this package in <custom>
-TEXTS = ("nas_tip", "nas_mirror", "nas_cyclic")  # models/symmetry.py reads the last two
+TEXTS = ("nas_tip", "nas_mirror", "nas_cyclic", MEASURED)  # models/symmetry.py reads two of them
 WEIGHTLESS = re.compile(r"mass and inertia of moving bodies must be larger.*?Element name '([^']*)'")
 UNREADABLE = re.compile(r"no decoder found for mesh file '([^']+)'")
 UNBALANCED = re.compile(r"inertia must satisfy A \+ B >= C.*?Element name '([^']*)'")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.simulator_samples import damped_ergojr, load_integrals, so101_without_floor
+from support.simulator_samples import COUPLED_FINGERS, damped_ergojr, load_integrals, so101_without_floor
 from support.typical_effects import JOINT, NAMES, OF_OBJECTS, TYPICAL, typical
 
 from nas_data.effects.base import Effect, add_effects, find_effect, from_json, make_effect, parse, read_effects
@@ -224,6 +224,12 @@ def test_gravity_compensation_carries_a_payload_in_any_order_and_no_object():
         spec = find_robot(str(TABLE)).spec()
         add_effects(spec, added)
         assert spec.body("payload").gravcomp == 0.5 and spec.body("puck").gravcomp == 0
+
+
+def test_gravity_compensation_carries_a_link_that_follows_from_the_base():
+    spec = mujoco.MjSpec.from_string(COUPLED_FINGERS)
+    add_effects(spec, [typical("gravity_compensation")])
+    assert all(body.gravcomp == 0.5 for body in spec.bodies[1:])
 
 
 SERVO_EFFECTS = ("backlash", "speed_limit", "command_delay", "servo_stiffness", "joint_offset", "torque_limit")

@@ -18,7 +18,7 @@ from nas_data.gap.nominal import Nominal
 from nas_data.gap.nominal_parameters import list_base_parameters
 from nas_data.gap.search.scales import estimate_scales
 from nas_data.mjcf.bake_inertia import bake_inertia
-from nas_data.mjcf.measured_joints import read_measured_joints
+from nas_data.mjcf.measured_joints import mark_measured_joints, read_measured_joints
 from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
 
@@ -201,6 +201,13 @@ def test_a_payload_and_gravity_compensation_belong_to_the_measured_arm(side: str
     assert model.body(int(model.body("payload").parentid[0])).name == f"{side}_link"
     carried = [model.body(body).name for body in np.flatnonzero(model.body_gravcomp)]
     assert carried == [f"{side}_link", "payload"]
+
+    other = {"left": "right", "right": "left"}[side]
+    spec = mujoco.MjSpec.from_file(str(path))
+    mark_measured_joints(spec, (other,), ("left", "right"))
+    path.write_text(spec.to_xml())  # as of a report about the other arm
+    model = MujocoSimulator(find_robot(path), 0.01, (side,), effects=effects).model
+    assert model.body(int(model.body("payload").parentid[0])).name == f"{side}_link"
 
     evidence = EpisodeBatch(
         (side,), 0.01, np.zeros((1, 1)), *np.zeros((2, 1, 20, 1)), np.ones((1, 20), bool), np.zeros(1)

@@ -1,6 +1,7 @@
 """The whole workflow, through the program, on a small arm whose missing effect is hidden."""
 
 import json
+import shutil
 from pathlib import Path
 
 import mujoco
@@ -172,6 +173,23 @@ def test_effects_beside_the_report_that_is_added_keep_their_digits(arm: Path, tm
     assert effects.read_bytes() == exact
 
 
+def test_other_effects_than_those_in_the_folder_replace_them(arm: Path, tmp_path: Path):
+    data, out = recorded(arm, tmp_path / "data", "--episodes", "2"), tmp_path / "out"
+    out.mkdir()
+    other = write_effects(out, [parse("viscous_friction:joint=elbow,coefficient=0.02")], {}).rename(out / "other.json")
+    effects = write_effects(out, [parse(BACKLASH)], {})
+    assert main(["gap", "add", str(data), "--model", str(arm), "--effects", str(other), "--out", str(out)]) == 0
+    assert "viscous_friction" in effects.read_text() and "backlash" not in effects.read_text()
+
+
+def test_effects_that_diverge_are_answered_in_a_sentence(arm: Path, tmp_path: Path, capsys):
+    data, effects = recorded(arm, tmp_path / "data", "--episodes", "2"), tmp_path / "effects.json"
+    effects.write_text('{"effects": [], "retuned": {"elbow.damping": 0.001, "elbow.armature": 1e-9}}')
+    words = ["--model", str(arm), "--effects", str(effects), "--out", str(tmp_path / "out")]
+    code = main(["gap", "add", str(data), *words])
+    assert code in (0, 2) and "Traceback" not in capsys.readouterr().err
+
+
 def test_effects_of_another_robot_are_refused(arm: Path, tmp_path: Path, capsys):
     data = recorded(arm, tmp_path / "data", "--episodes", "2")
     named = tmp_path / "effects.json"
@@ -266,6 +284,14 @@ def test_an_interrupted_report_leaves_the_earlier_one_and_a_finished_one_replace
     def read_files() -> dict[str, str]:
         return {str(path.relative_to(tmp_path)): path.read_text() for path in tmp_path.rglob("*") if path.is_file()}
 
+    (tmp_path / "figures").write_text("no folder")
+    with pytest.raises(FileExistsError), stage_report(tmp_path) as staged:
+        (staged / "figures").mkdir()
+        for name in ("report.json", "figures/gap.png"):
+            (staged / name).write_text("new")
+    (tmp_path / "figures").unlink()
+    assert (tmp_path / "report.json").read_text() == "{}"
+    shutil.rmtree(tmp_path / ".unfinished")
     with pytest.raises(KeyboardInterrupt), stage_report(tmp_path) as staged:
         (staged / "report.json").write_text("half")
         raise KeyboardInterrupt

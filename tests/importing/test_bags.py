@@ -202,6 +202,22 @@ def test_names_of_the_driver_are_given_in_the_order_of_the_joints(tmp_path):
         import_bag(tmp_path, unnamed)
 
 
+def test_a_signal_with_names_of_its_own_leaves_the_joints_theirs(tmp_path):
+    right = import_bag(write_json_mcap(tmp_path / "bag.mcap").parent)
+
+    def add_fingers(message):
+        if "gripper" in message["name"]:
+            return message
+        joints = [*message["name"], "f1", "f2"]
+        return {**message, "name": joints, "position": [*message["position"], 7, 8], "effort": [0, 0, 0, 1, 2]}
+
+    write_messages(tmp_path / "bag.mcap", change_state=add_fingers)
+    fingers = '\n[signals.fingers]\ntopic = "state"\ncolumn = "effort"\nnames = ["f2", "f1"]\nunit = "rad"\n'
+    found = import_bag(tmp_path, lambda text: unnamed(text) + fingers)
+    np.testing.assert_array_equal(found.states, right.states)
+    assert (found.columns["nas.fingers"] == [2, 1]).all()
+
+
 def test_names_are_refused_where_the_messages_have_none(tmp_path):
     write_json_mcap(tmp_path / "bag.mcap")
     with pytest.raises(MapError, match=r"/commands has no names of components, .*\[a, b\]; .* components = \[…\]"):

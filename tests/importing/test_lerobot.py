@@ -586,6 +586,13 @@ def test_small_motions_in_degrees_are_told_by_the_servos_ticks(here, resolution)
     assert "import it: nas import d --unit deg" in said
 
 
+def test_a_joint_that_holds_still_in_radians_is_on_no_grid(here):
+    noise = np.random.default_rng(0).normal(0, 2e-4, 60)
+    episodes = [(np.stack([s[:, 0], 0.7 + np.resize(noise, len(s))], axis=1), c) for s, c in motions()]
+    write_lerobot(here / "d", episodes)
+    assert main(["pair", "d", "--model", "arm.xml", "--out", "p"]) == 0
+
+
 def test_radians_are_assumed_with_a_warning_and_stored_as_it_says(here, capsys):
     write_lerobot(here / "d", motions())
     assert main(["pair", "d", "--model", "arm.xml", "--out", "p"]) == 0

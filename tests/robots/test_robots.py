@@ -80,7 +80,10 @@ def test_a_model_may_hold_the_constants_of_its_robot(tmp_path):
     [
         ('<numeric name="nas_velocity_quantum" data="-1"/>', "nas_velocity_quantum as -1; allowed are nas_rate"),
         ('<numeric name="nas_speed" data="1"/>', "nas_speed as 1"),
-        ('<text name="nas_top" data="top"/>', "the text nas_top; allowed are nas_tip, nas_mirror and nas_cyclic"),
+        (
+            '<text name="nas_top" data="top"/>',
+            "the text nas_top; allowed are nas_tip, nas_mirror, nas_cyclic and nas_measured_joints",
+        ),
     ],
 )
 def test_constants_that_cannot_be_are_refused(tmp_path, more, words):
