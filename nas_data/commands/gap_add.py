@@ -38,17 +38,16 @@ class GapAdd(TakesModel):
 
     def run(self) -> CommandResult:
         """Write the model and score it."""
-        from nas_data.atomic_file import write_atomic
         from nas_data.gap.compose import measure_gap
         from nas_data.gap.model_correction import ModelCorrection
-        from nas_data.gap.output_folder import check_output_folder
+        from nas_data.gap.output_folder import check_effects, check_output_folder
         from nas_data.gap.problem import Problem
         from nas_data.gap.score_model import score_model
         from nas_data.gap.search.final import FinalFit
-        from nas_data.gap.write_model import EFFECTS
         from nas_data.joint_units import find_display_unit
 
         check_output_folder(self.out, self.model)
+        check_effects(self.out, self.effects)
         named = ModelCorrection.read(self.effects)
         begin("reading the recording")
         problem = Problem.load(self.dataset, self.actuated(self.model), registers=named.registers)
@@ -56,11 +55,7 @@ class GapAdd(TakesModel):
         begin("writing and evaluating the model")
         final = FinalFit(named.effects, named.retuned, ())
         self.out.mkdir(parents=True, exist_ok=True)
-        kept = self.out / EFFECTS
-        exact = kept.read_bytes() if kept.is_file() and named.rounds(kept) else None
         outcome = score_model(problem, final, FinalFit((), {}, ()), FinalFit((), {}, ()), self.out)
-        if exact is not None:
-            write_atomic(kept, exact)
         found = measure_gap(problem.held, outcome)
         shown = " and ".join(
             f"{unit.text(errors.before, 3)} before, {unit.text(errors.after, 3)} after"

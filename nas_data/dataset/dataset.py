@@ -18,7 +18,8 @@ from nas_data.joint_units import SLIDE
 if TYPE_CHECKING:
     import pandas
 
-    from nas_data.dataset.origin import CommandKind, Episodes, Origin
+    from nas_data.dataset.from_arrays import CommandKind, Episodes
+    from nas_data.dataset.origin import Origin
 
 
 @dataclass(frozen=True, repr=False)
@@ -140,7 +141,7 @@ class Dataset:
             JointMismatch: a joint is named twice, or a slide is no joint.
             OptionError: the rate or a kind is invalid.
         """
-        from nas_data.dataset.origin import make_from_arrays
+        from nas_data.dataset.from_arrays import make_from_arrays
 
         return make_from_arrays(positions, commands, rate, joints, velocities, times, kind, slides, turns, robot, tasks)
 

@@ -48,14 +48,6 @@ class ModelCorrection:
                 raise OptionError(f"{file} multiplies {name} by {factor}; a factor must be a number above 0.")
         return cls(file, effects, retuned, ServoRegisters(read_register_values(file)))
 
-    def rounds(self, file: Path) -> bool:
-        """Whether an effects file is this one, or has the same effects as this report beside it, with more digits."""
-        if self.path.resolve() == file.resolve():
-            return True
-        beside = self.path.name == "report.json" and self.path.parent.resolve() == file.parent.resolve()
-        ours, theirs = ({(e.name(), e.joint) for e in read_effects(path)} for path in (self.path, file))
-        return beside and ours == theirs
-
     def robot(self, robot: Robot, joints: Sequence[str]) -> Robot:
         """Return a robot with registers and retuned base parameters; the simulator adds the effects.
 

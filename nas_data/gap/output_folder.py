@@ -40,6 +40,17 @@ def check_free(folder: Path) -> None:
         raise OutputExists(f"{folder} holds {strange[0]}, which is not a file of a gap report; choose another --out.")
 
 
+def check_effects(folder: Path, effects: Path) -> None:
+    """Refuse rounded effects in the place of the exact ones of the same report.
+
+    Raises:
+        OutputExists: the effects are those of the folder's `report.json`, beside its `effects.json`.
+    """
+    report, exact = (folder / name for name in MARKS)
+    if effects.resolve() == report.resolve() and exact.is_file():
+        raise OutputExists(f"{exact} has the effects of {effects} with all digits; give --effects {exact}.")
+
+
 def check_model(folder: Path, model: str | Path) -> None:
     """Refuse a folder whose `model.xml` is the given model.
 

@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -124,4 +125,6 @@ def test_a_plain_fit_that_diverges_on_held_out_episodes_ends_no_report(tmp_path:
     gap = measure_gap(problem.held, outcome)
     assert gap.plain is None and gap.per_joint["elbow"].plain is None
     assert gap.after == pytest.approx(gap.before)
+    with pytest.raises(ModelFileError, match="diverges in MuJoCo on a held-out episode"):
+        measure_gap(problem.held, replace(outcome, after=outcome.plain))
     assert lengthen_timestep(problem, wild, problem.held.nominal) is problem.held.nominal

@@ -85,13 +85,6 @@ def test_a_candidate_that_gains_much_is_fitted_further_though_another_is_ahead(r
     assert [h.effects[-1] for h in ranked] == [parse(text) for text in (BAND, VISCOUS, DRY)]
 
 
-def test_a_fit_goes_on_while_it_gains_much():
-    search = begun(arm(), "speed_limit:joint=j1,speed=0.6")
-    far = search.fit_description(described("speed_limit:joint=j1,speed=2"), {}, search.nominal.fit, steps=1)
-    assert far is not None and far.effects[0].speed > 0.7
-    assert search.fit_further(far).effects[0].speed == pytest.approx(0.6, rel=0.02)
-
-
 # The contract
 
 

@@ -49,18 +49,17 @@ def compute_torques(
     model, layout = simulator.model, simulator.layout
     data, followers = mujoco.MjData(model), layout.followers
     full, controls = simulator.rest(states), layout.controls(commands)
-    load, force = np.zeros_like(commands), np.zeros_like(commands)
+    qpos, torques = np.empty((len(states), model.nq)), np.empty((len(states), 2, model.nv))
     for row in range(len(states)):
         mujoco.mj_setState(model, data, full[row], FULLPHYSICS)
         data.ctrl[:] = controls[row]
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
         mujoco.mj_fwdActuation(model, data)
-        torques = np.stack([data.qfrc_bias - data.qfrc_gravcomp, data.qfrc_actuator])
-        if followers is not None:  # a shared drive moves them, too
-            torques = torques + torques[:, followers.dofs] @ followers.velocity_jacobian(data.qpos)
-        load[row], force[row] = torques[:, layout.dof]
-    return load, force
+        qpos[row], torques[row] = data.qpos, (data.qfrc_bias - data.qfrc_gravcomp, data.qfrc_actuator)
+    if followers is not None:  # a shared drive moves them, too
+        torques += torques[..., followers.dofs] @ followers.velocity_jacobian(qpos)
+    return torques[:, 0, layout.dof], torques[:, 1, layout.dof]
 
 
 def read_torque_limits(simulator: MujocoSimulator) -> tuple[np.ndarray, np.ndarray]:

@@ -192,21 +192,12 @@ class Search:
         return self._cache[identity]
 
     def fit_further(self, h: Hypothesis) -> Hypothesis:
-        """Fit a hypothesis further, reusing its Jacobian, and again as long as this gains much.
-
-        The first-order estimate of a limit may be far from its value, so that one fit does not reach it.
-        """
-        for _ in range(MAX_ROUNDS):
-            parameters = h.fit.parameters
-            found = fit(
-                self.task, parameters, h.fit.theta, reuse_jacobian(h.fit, parameters, fresh=1), jacobian_refreshes=1
-            )
-            if found is None:
-                return h
-            before, h = h, self.evaluate(h.description, found)
-            if before.score.over(h.score) < FAR_BEHIND:
-                return h
-        return h
+        """Fit a hypothesis further, reusing its Jacobian."""
+        parameters = h.fit.parameters
+        found = fit(
+            self.task, parameters, h.fit.theta, reuse_jacobian(h.fit, parameters, fresh=1), jacobian_refreshes=1
+        )
+        return self.evaluate(h.description, found) if found else h
 
     def relinearise(self, h: Hypothesis) -> Hypothesis:
         """Begin a new round at a hypothesis: update the objective and fit, repeatedly while this gains much.
