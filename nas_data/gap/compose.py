@@ -44,7 +44,8 @@ from nas_data.joint_units import find_joint_unit, group_by_kind
 from nas_data.typed_json import from_json
 
 METRIC = "open-loop position RMSE on held-out episodes"
-JUST_EXPLAINED = 0.8  # completeness of a joint whose error is `EXPLAINED`
+JUST_EXPLAINED = 0.8  # completeness of a joint whose error just counts as explained
+SURELY_EXPLAINED = 1.25  # noise floors that count as explained while another joint of the arm is not
 
 
 @dataclass(frozen=True)
@@ -146,14 +147,17 @@ def describe_alternative(effect: Effect, error: float) -> Alternative:
 def describe_joints(held: FitTask, naming: Naming, after: np.ndarray) -> Mapping[str, JointDescription]:
     """Return completeness, held-out error over the floor and stability of each joint.
 
+    A cause that is missing in one joint may act weakly on the others, too, so that less is enough to doubt them.
+
     Args:
         held: Model and held-out episodes.
         naming: Named effects.
         after: Held-out error over the floor with the named effects, shape (n,).
     """
+    limit = SURELY_EXPLAINED if after.max() > EXPLAINED else EXPLAINED
     return {
         joint: JointDescription(
-            complete=compute_completeness(float(ratio), list_confidences(naming, joint)),
+            complete=compute_completeness(float(ratio), limit, list_confidences(naming, joint)),
             ratio_to_noise=round(float(ratio), 2),
             stable=find_stability(naming, joint),
         )
@@ -167,16 +171,17 @@ def find_stability(naming: Naming, joint: str) -> bool | None:
     return naming.stable.get(joint, None if is_named else True)
 
 
-def compute_completeness(ratio: float, confidences: Sequence[float]) -> float:
+def compute_completeness(ratio: float, limit: float, confidences: Sequence[float]) -> float:
     """Return how complete a joint's description is, 0 to 1.
 
     It is below `JUST_EXPLAINED` for joints that are not explained, and at most the lowest confidence of the names.
 
     Args:
         ratio: Held-out error over the floor with the named effects.
+        limit: Ratio up to which the joint counts as explained.
         confidences: Those of the joint's names and of the whole arm's.
     """
-    return round(min(1.0, JUST_EXPLAINED * (EXPLAINED / max(ratio, 1e-9)) ** 2, *confidences), 3)
+    return round(min(1.0, JUST_EXPLAINED * (limit / max(ratio, 1e-9)) ** 2, *confidences), 3)
 
 
 def list_confidences(naming: Naming, joint: str) -> list[float]:

@@ -9,7 +9,6 @@ from nas_data.gap.compose import compute_completeness, describe_joints
 from nas_data.gap.confidence import Support, compute_chosen_share
 from nas_data.gap.nominal_parameters import NominalParameter
 from nas_data.gap.rivals import compute_closeness
-from nas_data.gap.search.constants import EXPLAINED
 from nas_data.gap.search.score import Score
 
 
@@ -89,13 +88,21 @@ def test_a_joint_is_at_most_as_complete_as_its_names_are_certain():
         return SimpleNamespace(effect=SimpleNamespace(joint=joint), confidence=confidence)
 
     held = SimpleNamespace(evidence=SimpleNamespace(joints=("m1", "m2", "m3")))
-    for arm, expected in (([], [0.6, 1.0, 0.2]), ([find(None, 0.4)], [0.4, 0.4, 0.2])):
+    for arm, expected in (([], [0.6, 0.868, 0.139]), ([find(None, 0.4)], [0.4, 0.4, 0.139])):
         naming = SimpleNamespace(findings=[find("m1", 0.9), find("m1", 0.6), *arm], stable={})
         joints = describe_joints(held, naming, np.array([1.0, 1.2, 3.0]))
         assert [joint.complete for joint in joints.values()] == expected
 
 
 def test_a_joint_that_is_not_explained_is_not_called_complete():
-    assert compute_completeness(EXPLAINED, []) == 0.8
-    assert compute_completeness(1.01 * EXPLAINED, []) < 0.8
-    assert compute_completeness(1.0, [0.97]) == 0.97
+    assert compute_completeness(1.5, 1.5, []) == 0.8
+    assert compute_completeness(1.01 * 1.5, 1.5, []) < 0.8
+    assert compute_completeness(1.0, 1.5, [0.97]) == 0.97
+
+
+def test_a_joint_beside_one_that_is_not_explained_is_complete_only_at_its_floor():
+    held = SimpleNamespace(evidence=SimpleNamespace(joints=("m1", "m2")))
+    naming = SimpleNamespace(findings=[], stable={})
+    for other, is_complete in ((1.4, True), (3.0, False)):
+        joints = describe_joints(held, naming, np.array([1.35, other]))
+        assert (joints["m1"].complete >= 0.8) == is_complete

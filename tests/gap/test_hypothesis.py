@@ -30,6 +30,7 @@ from nas_data.gap.search.hypothesis import (
     find_joints_beyond_prior,
     reuse_jacobian,
 )
+from nas_data.gap.search.intervals import compute_error_ratios
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters
 
@@ -230,6 +231,20 @@ def test_an_interval_stays_where_its_parameter_can_be():
     found = fit_final(damped, described("viscous_friction:joint=j2,coefficient=0.002"), {}, rounds=1)
     low, high = found.intervals[0]["coefficient"]
     assert low == 0.0 < high
+
+
+def test_an_interval_is_wider_where_an_error_remains(task: FitTask):
+    """An error of one joint, ten noise floors large, leaves the other's interval as it is."""
+    known = at_start(task, described(*DRY[:2]))
+    error = np.zeros(known.predicted.shape)
+    error[..., 0] = 10 * task.floor[0]
+    evidence = replace(task.evidence, measured=known.predicted + error)
+    ratios = compute_error_ratios(replace(task, evidence=evidence), known)
+    assert 5 < ratios[0] < 10, "the other joints tell a little of its friction"
+    assert 1 <= ratios[1] < 2, "and it of theirs"
+    np.testing.assert_array_equal(
+        compute_error_ratios(replace(task, evidence=replace(evidence, measured=known.predicted)), known), 1
+    )
 
 
 def test_an_interval_of_what_the_data_do_not_determine_has_ends():

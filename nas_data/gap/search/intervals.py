@@ -8,6 +8,7 @@ from scipy.special import stdtrit
 
 from nas_data.effects.base import Effect, Parameter
 from nas_data.gap.episode_batch import EpisodeBatch
+from nas_data.gap.floor import compute_floor_ratios
 from nas_data.gap.nominal_parameters import TOLERANCE, read_own_amount
 from nas_data.gap.search.constants import PARAMETER_PRICE
 from nas_data.gap.search.fit import Fit, compute_inverse_hessian, fit
@@ -27,9 +28,10 @@ def compute_intervals(
 
     Squares of half-widths are added: from the curvature of the loss with the base parameters free, from the variance
     between recorded episodes (clustered sandwich estimator with Student's t; Liang and Zeger, 1986), and from small
-    differences between two formulations of an effect. The interval is the union of those around the values of this fit
-    and of freer fits, without shared values and with optional parameters. An effect that adds to a quantity of the
-    model, such as damping, is uncertain by at least the tolerance of that quantity.
+    differences between two formulations of an effect. Errors above the noise floor are systematic and do not average
+    out, so that the half-width is multiplied by their size in floors. The interval is the union of those around the
+    values of this fit and of freer fits, without shared values and with optional parameters. An effect that adds to a
+    quantity of the model, such as damping, is uncertain by at least the tolerance of that quantity.
 
     Args:
         task: Model and episodes.
@@ -37,11 +39,12 @@ def compute_intervals(
         found: Fit to the episodes.
     """
     widths = np.hypot(compute_curvature_widths(task, found), compute_episode_widths(task, found))
-    freer = fit_freer_forms(task, description, found)
+    ratios, freer = compute_error_ratios(task, found), fit_freer_forms(task, description, found)
     result: list[dict[str, tuple[float, float]]] = [{} for _ in found.effects]
-    for free, number, width in zip(found.parameters.effect_parameters, found.theta, widths, strict=False):
+    rows = zip(found.parameters.effect_parameters, found.theta, widths, ratios, strict=False)
+    for free, number, width, ratio in rows:
         form_width = NORMAL95 * FORM_DEVIATION * abs(float(number) if free.signed else 1.0)
-        half_width = float(np.hypot(width, form_width))
+        half_width = float(np.hypot(width, form_width) * ratio)
         for place in free.effect_indices:
             shared_half_width = NORMAL95 * find_existing_deviation(task, found.effects[place], free.parameter)
             values = [free.value(float(number)), *(getattr(form[place], free.parameter.name) for form in freer)]
@@ -58,6 +61,17 @@ def compute_curvature_widths(task: FitTask, found: Fit) -> np.ndarray:
     Rows within `CORRELATION` count as one, because errors of a rollout are correlated.
     """
     return np.asarray(NORMAL95 * np.sqrt(np.clip(np.diag(compute_inverse_hessian(task, found)), 0.0, None)))
+
+
+def compute_error_ratios(task: FitTask, found: Fit) -> np.ndarray:
+    """Return the remaining error over the noise floor in the joints that θ moves, at least 1, shape (size,).
+
+    It is the root mean square over joints, each with the share of its rows in the curvature of the loss.
+    """
+    columns, _ = task.absorb_change(found.jacobian)
+    shares = ((columns * task.weights(found.predicted)) ** 2).sum(axis=(1, 2))
+    squares = compute_floor_ratios(task.mean_squares(found.predicted), task.floors) ** 2
+    return np.sqrt(np.maximum(shares @ squares / np.maximum(shares.sum(axis=1), 1e-300), 1.0))
 
 
 def compute_episode_widths(task: FitTask, found: Fit) -> np.ndarray:
