@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from nas_data.commands.base import Command, CommandResult
+from nas_data.commands._long import LongCommand
+from nas_data.commands.base import CommandResult
 from nas_data.environment_ids import TARGET_DYNAMICS
 from nas_data.runs.progress import say
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExperimentCommand(Command):
+class ExperimentCommand(LongCommand):
     """Options of every experiment."""
 
     experiment: ClassVar[str]
@@ -24,8 +25,6 @@ class ExperimentCommand(Command):
     """Dynamics of the target, such as backlash or paper; an unknown name lists all."""
     engine: Literal["mujoco", "bullet"] = "mujoco"
     """Physics engine of the target; the source runs in MuJoCo, so that `bullet` adds the difference of the engines."""
-    workers: int = 1
-    """Parallel trainings, each in a process of one thread."""
     quick: bool = False
     """A trial run in a few minutes with too little data for a result; stored apart from the full experiment."""
     out: Path = Path("runs/experiments")
@@ -34,7 +33,7 @@ class ExperimentCommand(Command):
     def run(self) -> CommandResult:
         """Run or resume the experiment."""
         from nas_data.studies.experiments.base import Request, find_experiment
-        from nas_data.studies.experiments.pipeline.run import run_experiment
+        from nas_data.studies.experiments.pipeline.run import list_experiment_jobs, run_experiment
         from nas_data.studies.experiments.pipeline.sizes import FULL, QUICK
 
         known = find_experiment(self.experiment).environments
@@ -45,10 +44,12 @@ class ExperimentCommand(Command):
             folder=self.out,
             report=say,
             methods=self.chosen_methods(),
-            workers=self.workers,
+            workers=self.find_workers(self.out),
             full_sizes=QUICK if self.quick else FULL,
             engine=self.engine,
         )
+        if self.dry_run:
+            return self.list_jobs(list_experiment_jobs(self.experiment, request))
         made = run_experiment(self.experiment, request)
         return CommandResult(made.text, made.data)
 

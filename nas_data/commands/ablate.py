@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from nas_data.commands._actuators import TakesModel
+from nas_data.commands._long import LongCommand
 from nas_data.commands.base import CommandResult
 from nas_data.errors import OptionError
 from nas_data.runs.progress import say
@@ -21,7 +22,7 @@ QUICK = {"hidden": 32, "layers": 1, "updates": 40, "horizon": 60, "frames": 1600
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ablate(TakesModel):
+class Ablate(TakesModel, LongCommand):
     """Train on nested subsets of a dataset, test on held-out episodes, and report how much data is enough.
 
     Finished trials are not repeated; the same command resumes an interrupted run. Trials of other versions of nas_data
@@ -62,11 +63,6 @@ class Ablate(TakesModel):
     """Longest free-running rollout [frames]; the preset's by default."""
     quick: bool = False
     """Small networks and short trainings: a trial run in minutes."""
-    workers: int = 1
-    """Parallel trials, each in a process of one thread."""
-    executor: str = "local"
-    """Where trials run: local, on this machine, or ray, on the cluster in RAY_ADDRESS (pip install 'nas_data[ray]'),
-    whose machines share the working directory."""
     retry: bool = False
     """Run failed trials again."""
     out: Path = Path("runs/ablation")
@@ -76,16 +72,18 @@ class Ablate(TakesModel):
         """Check the options, run the trials and summarise them."""
         from nas_data.runs.environment_info import find_commit
         from nas_data.studies.ablation import summary, write
-        from nas_data.studies.ablation.sweep import check, find_executor, open_sweep, run_sweep
+        from nas_data.studies.ablation.dry_run import plan_trial
+        from nas_data.studies.ablation.sweep import begin_sweep, check, check_same, run_sweep
 
-        if self.workers < 1:
-            raise OptionError(f"--workers is {self.workers}; at least one is needed.")
-        executor, plan = find_executor(self.executor), self._plan()
+        workers, plan = self.find_workers(self.out), self._plan()
         check(plan)
         content = plan.material.content()
         trials = plan.trials(content, self.out)
-        with open_sweep(self.out, plan.identity(content)):
-            results = run_sweep(trials, executor, self.workers, self.retry, say)
+        if self.dry_run:
+            check_same(self.out, plan.identity(content))
+            return self.list_jobs([plan_trial(trial, self.retry) for trial in trials])
+        begin_sweep(self.out, plan.identity(content))
+        results = run_sweep(trials, workers, self.retry, say)
         found = summary.SweepSummary.of([(trial.config, result) for trial, result in zip(trials, results, strict=True)])
         more: dict[str, object] = {
             "sweep": {**plan.identity(content), "effects": content.effects},

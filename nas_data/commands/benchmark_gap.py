@@ -3,12 +3,13 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from nas_data.commands.base import Command, CommandResult
+from nas_data.commands._long import LongCommand
+from nas_data.commands.base import CommandResult
 from nas_data.runs.progress import say
 
 
 @dataclass(frozen=True, kw_only=True)
-class BenchmarkGap(Command):
+class BenchmarkGap(LongCommand):
     """Draw blind cases, run the gap workflow on each, and compare its report with what was hidden.
 
     Finished cases are not repeated; the same command resumes an interrupted run. Cases of other versions of nas_data
@@ -42,12 +43,17 @@ class BenchmarkGap(Command):
     def run(self) -> CommandResult:
         """Run the unfinished cases, then tabulate all."""
         from nas_data.benchmarks.blind.benchmark import BlindPlan, run
+        from nas_data.benchmarks.blind.dry_run import plan_cases
         from nas_data.benchmarks.blind.tables import make_tables, print_tables
         from nas_data.runs.environment_info import find_commit
 
         families, plants, baselines = (split_words(text) for text in (self.families, self.plants, self.baselines))
         plan = BlindPlan(families, plants, self.cases, self.seed, self.power, baselines, self.keep, self.setting)
-        records = run(plan, self.out, investigate, say)
+        workers = self.find_workers(self.out)
+        if self.dry_run:
+            plan.check()
+            return self.list_jobs(plan_cases(plan, self.out))
+        records = run(plan, self.out, investigate, say, workers)
         found = make_tables(records)
         text = f"{len(records)} blind cases ({self.setting}), seed {self.seed}\n\n{print_tables(found)}\n→ {self.out}"
         settings = {

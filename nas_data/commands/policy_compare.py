@@ -4,14 +4,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from nas_data.commands.base import Command, CommandResult
+from nas_data.commands._long import LongCommand
+from nas_data.commands.base import CommandResult
 from nas_data.count_of import count_of
 from nas_data.environment_ids import TARGET_DYNAMICS
 from nas_data.errors import OptionError
 
 
 @dataclass(frozen=True, kw_only=True)
-class PolicyCompare(Command):
+class PolicyCompare(LongCommand):
     """Train every method with every seed, evaluate all on the target, and report the share of the gap that each closes.
 
     The share is (method − source) / (expert − source) of the mean return. Finished runs are not repeated.
@@ -42,8 +43,6 @@ class PolicyCompare(Command):
     """Seeds of every method."""
     episodes: int = 100
     """Evaluation episodes of each policy."""
-    workers: int = 1
-    """Parallel trainings, each in a process of one thread."""
     out: Path = Path("runs/compare")
     """Folder of the runs and of comparison.json."""
 
@@ -53,10 +52,11 @@ class PolicyCompare(Command):
 
         from nas_data.atomic_file import write_atomic
         from nas_data.envs.loop.dynamics_spec import DynamicsSpec
-        from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare
+        from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, check_study, compare
+        from nas_data.policies.dry_run import plan_study
         from nas_data.typed_json import make_finite
 
-        for option, value in (("--frames", self.frames), ("--episodes", self.episodes), ("--workers", self.workers)):
+        for option, value in (("--frames", self.frames), ("--episodes", self.episodes)):
             if value < 1:
                 raise OptionError(f"{option} is {value}; it must be 1 or more.")
         if len(set(self.seed)) < len(self.seed):
@@ -75,7 +75,11 @@ class PolicyCompare(Command):
         if self.delta_named is not None:
             methods["named_nas"] = replace(methods["named"], checkpoint=str(self.delta_named))
         study = Study(target, methods, self.seed, self.frames, self.episodes)
-        found = compare(study, self.out, self.workers)
+        workers = self.find_workers(self.out)
+        if self.dry_run:
+            check_study(study)
+            return self.list_jobs(plan_study(study, self.out))
+        found = compare(study, self.out, workers)
         result = self.out / "comparison.json"
         write_atomic(result, json.dumps(make_finite(found.describe()), indent=1, allow_nan=False).encode())
         head = (

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from nas_data.commands.base import Command, CommandResult
+from nas_data.commands._long import LongCommand
+from nas_data.commands.base import CommandResult
 from nas_data.environment_ids import TARGET_DYNAMICS
 from nas_data.errors import OptionError
 
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PolicyTrain(Command):
+class PolicyTrain(LongCommand):
     """Train one policy per seed with PPO; the same command resumes an interrupted training.
 
     Example: nas policy train --env ErgoReacher --on augmented --checkpoint runs/delta --frames 400000 --seed 0 1 2
@@ -42,23 +43,27 @@ class PolicyTrain(Command):
     """Seeds, one policy each; the same seed gives identical bits."""
     out: Path | None = None
     """Folder of the policies, one subfolder per seed; runs/policy/ENV-ON by default."""
-    workers: int = 1
-    """Seeds trained in parallel, each in a process of one thread."""
 
     def run(self) -> CommandResult:
         """Train every seed."""
         trainings = self._list_trainings()
         from nas_data.envs.base import find_task
+        from nas_data.policies.dry_run import plan_training
         from nas_data.policies.policy import load_policy, read_progress
         from nas_data.policies.ppo import train_job
+        from nas_data.runs.job_locks import list_locks
         from nas_data.runs.parallel import run_jobs
         from nas_data.text_table import format_table
 
         what = "named-augmented" if self.on == "augmented" and self.effects else self.on
         folder = self.out or Path("runs/policy") / f"{self.env.removeprefix('nas/')}-{what}"
         jobs = [(training, folder / f"seed{training.seed}") for training in trainings]
+        workers = self.find_workers(folder)
+        if self.dry_run:
+            return self.list_jobs([plan_training(*job) for job in jobs])
         rows, results = {}, {}
-        for number, path in run_jobs(train_job, jobs, self.workers):
+        locks = list_locks(folder, [f"seed{training.seed}" for training in trainings])
+        for number, path in run_jobs(train_job, jobs, workers, locks=locks):
             policy, curve = load_policy(path), read_progress(path)
             last = {key: float(values[-1]) for key, values in curve.items()}
             rate = last["frames"] / last["seconds"]
@@ -90,9 +95,8 @@ class PolicyTrain(Command):
         if (self.on == "named" and self.effects is None) or (self.effects and self.on not in {"named", "augmented"}):
             needed = "needs --effects DIR, a gap report" if self.on == "named" else "takes no --effects"
             raise OptionError(f"Training on '{self.on}' {needed}; see: nas policy train --help.")
-        for option, value in (("--frames", self.frames), ("--workers", self.workers)):
-            if value < 1:
-                raise OptionError(f"{option} is {value}; it must be 1 or more.")
+        if self.frames < 1:
+            raise OptionError(f"--frames is {self.frames}; it must be 1 or more.")
         if not self.seed or len(set(self.seed)) < len(self.seed) or min(self.seed) < 0:
             raise OptionError(f"--seed {' '.join(map(str, self.seed))}: give different numbers, 0 or more.")
         from nas_data.envs.base import SOURCE

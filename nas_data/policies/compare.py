@@ -24,7 +24,8 @@ from nas_data.policies.policy import (
 )
 from nas_data.policies.ppo import PolicyTraining, check_folder, train
 from nas_data.runs.code_hash import hash_code
-from nas_data.runs.parallel import run_jobs
+from nas_data.runs.job_locks import list_locks
+from nas_data.runs.parallel import ONE_WORKER, Workers, run_jobs
 from nas_data.runs.progress import Report, format_duration, repeating, say, silence
 from nas_data.text_table import format_table
 
@@ -116,14 +117,20 @@ def do_run(run: Run) -> PolicyResult:
     return result
 
 
-def compare(study: Study, folder: Path, workers: int = 1, report: Report = say, quiet: bool = False) -> "Comparison":
+def compare(
+    study: Study,
+    folder: Path,
+    workers: Workers = ONE_WORKER,
+    report: Report = say,
+    quiet: bool = False,
+) -> "Comparison":
     """Train and evaluate every method with every seed; finished runs are skipped.
 
     Args:
         study: The comparison.
         folder: Results: `<method>/seed<seed>/` holds policy, learning curve and `result.json`. Methods with equal
             dynamics share the folder of the first one.
-        workers: Number of parallel processes.
+        workers: Where the runs are done.
         report: Called with a sentence after each finished run.
         quiet: Whether trainings print no progress; several workers never do.
 
@@ -131,14 +138,10 @@ def compare(study: Study, folder: Path, workers: int = 1, report: Report = say, 
         OptionError: there is no method or no seed, or a seed is negative.
         UnknownName: an environment or a dynamics does not exist.
         JobsFailed: several runs failed; the others are finished and will not be repeated.
-        OutputExists: the folder holds a run of another study, or one by other code, under the same name.
+        OutputExists: the folder holds a run of another study, or one by other code, under the same name; or another
+            process works in it, and the workers are not shared.
     """
-    if not study.methods or not study.seeds:
-        raise OptionError("A comparison needs at least one method and one seed.")
-    if min(study.seeds) < 0:
-        raise OptionError(f"--seed {min(study.seeds)} is negative; seeds must be 0 or more.")
-    for plant in (study.target, *study.methods.values()):
-        plant.check()  # before any long run
+    check_study(study)  # before any long run
     runs = [
         Run(
             method=method,
@@ -146,7 +149,7 @@ def compare(study: Study, folder: Path, workers: int = 1, report: Report = say, 
             target=study.target,
             episodes=study.episodes,
             folder=folder / method / f"seed{seed}",
-            quiet=quiet or workers > 1,
+            quiet=quiet or workers.count > 1,
             dataset=study.dataset,
         )
         for seed in study.seeds
@@ -156,7 +159,8 @@ def compare(study: Study, folder: Path, workers: int = 1, report: Report = say, 
         if read_finished(run) is None:
             check_folder(run.folder, run.training)  # before any work is done
     results: dict[tuple[str, int], PolicyResult] = {}
-    for number, result in run_jobs(do_run, runs, workers):
+    locks = list_locks(folder, [f"{run.method}/seed{run.training.seed}" for run in runs])
+    for number, result in run_jobs(do_run, runs, workers, locks=locks):
         run, score = runs[number], result.score
         results[run.method, run.training.seed] = result
         scores = f"return {score.mean_return:.2f}, success {score.success_rate:.0%}"
@@ -164,6 +168,16 @@ def compare(study: Study, folder: Path, workers: int = 1, report: Report = say, 
     for method in study.methods:
         results |= {(method, seed): results[study.trained_as(method), seed] for seed in study.seeds}
     return Comparison(study=study, folder=folder, results=results)
+
+
+def check_study(study: Study) -> None:
+    """Refuse a comparison that cannot be run; raises as `compare` does."""
+    if not study.methods or not study.seeds:
+        raise OptionError("A comparison needs at least one method and one seed.")
+    if min(study.seeds) < 0:
+        raise OptionError(f"--seed {min(study.seeds)} is negative; seeds must be 0 or more.")
+    for plant in (study.target, *study.methods.values()):
+        plant.check()
 
 
 @dataclass(frozen=True)

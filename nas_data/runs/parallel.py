@@ -4,38 +4,65 @@ import multiprocessing
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TypeVar
 
 from nas_data.count_of import count_of
 from nas_data.errors import JobsFailed, NasError, WorkerLost
 from nas_data.log import logger, show
+from nas_data.runs.job_locks import JobLocks
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 Pool = Callable[[int], Executor]
 """Creates an executor for a number of parallel jobs."""
 
+PAUSE = 1.0  # [s] after which jobs that another process has taken are looked at again
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Where the jobs of a long command run.
+
+    Attributes:
+        count: Number of parallel jobs of this process.
+        pool: Creates their executor; None for local processes, or this process with one worker.
+        shared: Whether other processes may take jobs of the same run; each job is done by one of them.
+    """
+
+    count: int = 1
+    pool: Pool | None = None
+    shared: bool = False
+
+
+ONE_WORKER = Workers()
+
 
 def run_jobs(
     function: Callable[[Job], Result],
     jobs: Sequence[Job],
-    workers: int,
+    workers: Workers = Workers(),  # immutable
     after: Mapping[int, Collection[int]] | None = None,
-    pool: Pool | None = None,
+    locks: Sequence[Path] = (),
 ) -> Iterator[tuple[int, Result]]:
     """Run jobs, and yield each job's number and result as it finishes; the others continue if one fails.
 
     Args:
-        function: Function; it, its argument and its result must be importable by name.
+        function: Function; it, its argument and its result must be importable by name. For shared workers, it returns
+            the stored result of a job that another process has done.
         jobs: Arguments; the first runnable jobs start first.
-        workers: Number of parallel jobs.
+        workers: Where they run.
         after: Numbers of the earlier jobs that each job depends on; it is skipped if one of them fails.
-        pool: Creates the executor; None for local processes, or this process with one worker.
+        locks: Lock file of each job, so that no job is done by two processes at a time; none for jobs that store
+            nothing.
 
     Raises:
+        OutputExists: another process does one of the jobs, and the workers are not shared.
         JobsFailed: several jobs failed; raised after all others have finished.
         WorkerLost: the system killed a worker, usually for lack of memory.
         Exception: the error of a single failed job.
@@ -43,7 +70,7 @@ def run_jobs(
     failed: dict[int, Exception] = {}
     done = 0
     try:
-        for number, future in run_all(function, jobs, min(workers, len(jobs)), after or {}, pool):
+        for number, future in run_all(function, jobs, workers, after or {}, JobLocks(locks, workers.shared)):
             error = future.exception()
             if isinstance(error, BrokenProcessPool):
                 raise error
@@ -75,40 +102,40 @@ def combine_errors(failed: dict[int, Exception], jobs: int, left_out: int = 0) -
 def run_all(
     function: Callable[[Job], Result],
     jobs: Sequence[Job],
-    workers: int,
+    workers: Workers,
     after: Mapping[int, Collection[int]],
-    pool: Pool | None,
+    locks: JobLocks,
 ) -> Iterator[tuple[int, Future[Result]]]:
     """Run jobs, and yield the number and future of each as it finishes."""
+    count = max(1, min(workers.count, len(jobs)))
     done: set[int] = set()
     waiting = list(range(len(jobs)))
-
-    def next_ready() -> int | None:
-        ready = (number for number in waiting if done.issuperset(after.get(number, ())))
-        return next(ready, None)
-
-    if pool is None and workers <= 1:
-        while (number := next_ready()) is not None:
-            waiting.remove(number)
-            future = run_here(function, jobs[number])
-            yield number, future
-            done.update([number] if future.exception() is None else [])
-        return
-    executor = (pool or make_process_pool)(workers)
     running: dict[Future[Result], int] = {}
+    executor = (workers.pool or (make_process_pool if count > 1 else Here))(count)
     try:
         while True:
-            while len(running) < workers and (number := next_ready()) is not None:
-                waiting.remove(number)
-                running[executor.submit(function, jobs[number])] = number
-            if not running:
+            taken_elsewhere = False
+            for number in [number for number in waiting if done.issuperset(after.get(number, ()))]:
+                if len(running) == count:
+                    break
+                if locks.take(number):
+                    waiting.remove(number)
+                    running[executor.submit(function, jobs[number])] = number
+                else:
+                    taken_elsewhere = True
+            if not running and not taken_elsewhere:
                 return
-            ended, _ = wait(running, return_when=FIRST_COMPLETED)
+            if not running:
+                time.sleep(PAUSE)
+                continue
+            ended, _ = wait(running, PAUSE if taken_elsewhere else None, FIRST_COMPLETED)
             for future in ended:
                 number = running.pop(future)
+                locks.release(number)
                 done.update([number] if future.exception() is None else [])
                 yield number, future
     finally:
+        locks.release_all()
         executor.shutdown(wait=False, cancel_futures=True)
 
 
@@ -125,14 +152,20 @@ def make_process_pool(workers: int) -> Executor:
     return ProcessPoolExecutor(workers, mp_context=context, initializer=prepare_worker, initargs=(logger.level,))
 
 
-def run_here(function: Callable[[Job], Result], job: Job) -> Future[Result]:
-    """Run a job in this process, and return its future."""
-    future: Future[Result] = Future()
-    try:
-        future.set_result(function(job))
-    except Exception as error:
-        future.set_exception(error)
-    return future
+class Here(Executor):
+    """This process behind Python's interface of executors: a job is done when it is submitted."""
+
+    def __init__(self, count: int) -> None:
+        """Take the number of parallel jobs, which is one."""
+
+    def submit(self, function: Callable[[Job], Result], job: Job) -> Future[Result]:  # type: ignore[override]
+        """Run a job, and return its future."""
+        future: Future[Result] = Future()
+        try:
+            future.set_result(function(job))
+        except Exception as error:
+            future.set_exception(error)
+        return future
 
 
 def prepare_worker(level: int) -> None:

@@ -13,8 +13,10 @@ from nas_data.atomic_file import write_atomic
 from nas_data.dataset.provenance import format_current_time
 from nas_data.errors import OutputExists
 from nas_data.runs.environment_info import find_commit
-from nas_data.runs.parallel import run_jobs
+from nas_data.runs.job_locks import list_locks
+from nas_data.runs.parallel import Workers, run_jobs
 from nas_data.runs.progress import Report, say
+from nas_data.visible_files import list_visible_files
 
 PLAN = "plan.json"
 STAGES = "stages"
@@ -107,7 +109,7 @@ def run_stages(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> dict[str, Don
 
 
 def begin(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> set[str]:
-    """Claim the folder, and return the names of the stages to run.
+    """Claim the folder, remove outdated results, and return the names of the stages to run.
 
     Raises:
         OutputExists: the folder holds something else, or the same work with another plan or by other code.
@@ -117,6 +119,8 @@ def begin(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> set[str]:
     missing: set[str] = set()  # a repeated stage makes the stages that depend on it outdated
     for stage in stages:
         behind = missing if stage.builds_on is None else missing & set(stage.builds_on)
+        if behind:
+            find_result(stage.name, work.folder).unlink(missing_ok=True)
         if behind or read_done(stage, work.folder) is None:
             missing.add(stage.name)
     return missing
@@ -151,7 +155,7 @@ def claim(work: Work[Plan]) -> None:
                 f"{work.folder} holds a {work.name} that differs in {', '.join(different)}; "
                 "remove it or choose another --out."
             )
-    elif work.folder.exists() and (not work.folder.is_dir() or any(work.folder.iterdir())):
+    elif work.folder.exists() and (not work.folder.is_dir() or list_visible_files(work.folder, "*")):
         raise OutputExists(f"{work.folder} exists and is not a {work.name}; choose another --out.")
     else:
         write_atomic(path, (json.dumps(plan, indent=1) + "\n").encode())
@@ -168,7 +172,7 @@ def check_code(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> None:
         if done is not None and stage.code is not None and done.code != stage.code(work.plan):
             raise OutputExists(
                 f"'{stage.title}' in {work.folder} was made by another version of nas_data; remove "
-                f"{work.folder / STAGES / stage.name}.json to repeat it and all that depends on it, "
+                f"{find_result(stage.name, work.folder)} to repeat it and all that depends on it, "
                 "or choose another --out."
             )
 
@@ -189,7 +193,7 @@ def do(stage: Stage[Plan], work: Work[Plan]) -> Done:
         data=found.data,
         summary=tuple(found.summary),
     )
-    write_atomic(work.folder / STAGES / f"{stage.name}.json", (json.dumps(asdict(done), indent=1) + "\n").encode())
+    write_atomic(find_result(stage.name, work.folder), (json.dumps(asdict(done), indent=1) + "\n").encode())
     return done
 
 
@@ -210,7 +214,12 @@ def read_done(stage: Stage[Plan], folder: Path) -> Done | None:
 
 def read_stage(name: str, folder: Path) -> Done:
     """Return the result of a finished stage; raises errors of reading its file."""
-    return Done(**json.loads((folder / STAGES / f"{name}.json").read_text(encoding="utf-8")))
+    return Done(**json.loads(find_result(name, folder).read_text(encoding="utf-8")))
+
+
+def find_result(name: str, folder: Path) -> Path:
+    """Return the file of a stage's result."""
+    return folder / STAGES / f"{name}.json"
 
 
 @dataclass(frozen=True)
@@ -224,29 +233,30 @@ class Part(Generic[Plan]):
 
 
 def run_side_by_side(
-    stages: Sequence[Stage[Plan]], work: Work[Plan], workers: int, do_one: Callable[[Part[Plan]], None]
+    stages: Sequence[Stage[Plan]], work: Work[Plan], workers: Workers, do_one: Callable[[Part[Plan]], None]
 ) -> None:
     """Run the unfinished stages, several at a time, the first runnable ones first.
 
     Args:
         stages: Stages in a valid sequential order.
         work: Plan and folder.
-        workers: Number of processes.
-        do_one: Function that runs a stage; importable by name.
+        workers: Where the stages run.
+        do_one: Function that runs a stage; importable by name. It calls `do_part`.
 
     Raises:
         OutputExists: the folder holds something else, or the same work with another plan or by other code.
         JobsFailed: several stages failed; all others are finished except those that depend on them.
     """
     missing = begin(stages, work)
-    if len(missing) < 2:
+    if len(missing) < 2 and not workers.shared:
         run_stages(stages, work)
         return
     for stage in stages:
         if stage.name not in missing:
             work.report(f"{stage.title}: {describe_kept(read_stage(stage.name, work.folder))}")
     parts = [Part(stage.name, work.plan, work.folder, work.name) for stage in stages if stage.name in missing]
-    for _ in run_jobs(do_one, parts, workers, find_prerequisites([stage for stage in stages if stage.name in missing])):
+    after = find_prerequisites([stage for stage in stages if stage.name in missing])
+    for _ in run_jobs(do_one, parts, workers, after, list_locks(work.folder, [part.stage for part in parts])):
         pass
 
 
@@ -263,7 +273,12 @@ def find_prerequisites(stages: Sequence[Stage[Plan]]) -> Mapping[int, Sequence[i
 
 
 def do_part(stage: Stage[Plan], part: Part[Plan]) -> None:
-    """Run a stage with one thread; print its title and result on stderr, each with its name."""
+    """Run a stage with one thread; print its title and result on stderr, each with its name.
+
+    A stage that another process has done meanwhile is kept.
+    """
+    if read_done(stage, part.folder) is not None:
+        return
     work = Work(part.plan, part.folder, say, part.name, threads=1)
     work.report(format_introduction(stage.title, stage))
     done = do(stage, work)

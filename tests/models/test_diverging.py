@@ -19,7 +19,7 @@ from nas_data.policies import evaluate
 from nas_data.policies.compare import Study, compare
 from nas_data.policies.policy import Hyperparameters, read_progress
 from nas_data.policies.ppo import PolicyTraining, train
-from nas_data.runs.parallel import run_jobs
+from nas_data.runs.parallel import Workers, run_jobs
 
 BAD = 1.2  # [rad] commands of the first joint beyond this are not borne
 
@@ -153,7 +153,7 @@ SIDE_BY_SIDE = pytest.mark.parametrize(("workers", "pool"), [(1, None), (2, Thre
 def test_other_jobs_go_on_where_some_fail_and_the_failures_are_told_at_the_end(workers, pool):
     done = []
     with pytest.raises(JobsFailed, match=r"2 of 5 jobs failed.*number 1 left.*number 3 left"):
-        for number, result in run_jobs(half, range(5), workers, pool=pool):
+        for number, result in run_jobs(half, range(5), Workers(workers, pool)):
             done.append((number, result))
     assert sorted(done) == [(0, 0), (2, 2), (4, 4)]
 
@@ -162,7 +162,7 @@ def test_other_jobs_go_on_where_some_fail_and_the_failures_are_told_at_the_end(w
 def test_jobs_that_build_on_failed_ones_are_left_out_and_that_is_said(workers, pool):
     done = []
     with pytest.raises(JobsFailed, match=r"2 of 6 jobs failed; 2 that depend on them were skipped; all others are"):
-        for number, _ in run_jobs(half, range(6), workers, {2: [1], 4: [0], 5: [2, 0]}, pool):
+        for number, _ in run_jobs(half, range(6), Workers(workers, pool), {2: [1], 4: [0], 5: [2, 0]}):
             done.append(number)
     assert sorted(done) == [0, 4]
     assert done.index(0) < done.index(4)
@@ -171,12 +171,12 @@ def test_jobs_that_build_on_failed_ones_are_left_out_and_that_is_said(workers, p
 @SIDE_BY_SIDE
 def test_a_single_failure_stays_what_it_is(workers, pool):
     with pytest.raises(SimulationDiverged, match="number 1"):
-        list(run_jobs(half, range(3), workers, pool=pool))
+        list(run_jobs(half, range(3), Workers(workers, pool)))
 
 
 def test_a_name_that_a_worker_process_does_not_know_is_told_as_here():
     with pytest.raises(JobsFailed, match=r"no number '0'; choose one of: one\. There is no number '1'"):
-        list(run_jobs(named, range(2), 2))
+        list(run_jobs(named, range(2), Workers(2)))
 
 
 def test_a_study_does_its_other_runs_where_one_cannot_be_done(tmp_path, monkeypatch):

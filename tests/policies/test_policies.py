@@ -33,7 +33,7 @@ from nas_data.policies.policy import (
     read_result,
 )
 from nas_data.policies.ppo import Learner, PolicyTraining, train
-from nas_data.runs.parallel import run_jobs
+from nas_data.runs.parallel import Workers, run_jobs
 
 SMALL = Hyperparameters(arms=4, rollout=512, minibatches=4, epochs=2)
 BRIEF = replace(SMALL, rollout=128, minibatches=2, epochs=1)
@@ -340,15 +340,17 @@ def count(function, calls):
 
 def test_jobs_side_by_side_give_what_one_after_the_other_gives():
     assert (
-        dict(run_jobs(abs, [-1, -2, 3], workers=2)) == dict(run_jobs(abs, [-1, -2, 3], workers=1)) == {0: 1, 1: 2, 2: 3}
+        dict(run_jobs(abs, [-1, -2, 3], Workers(2)))
+        == dict(run_jobs(abs, [-1, -2, 3], Workers(1)))
+        == {0: 1, 1: 2, 2: 3}
     )
     with pytest.raises(ValueError, match="invalid literal"):
-        list(run_jobs(int, ["1", "one"], workers=2))
+        list(run_jobs(int, ["1", "one"], Workers(2)))
 
 
 def test_a_worker_that_the_system_ends_is_told_in_a_sentence():
     with pytest.raises(WorkerLost, match="run the same command again"):
-        list(run_jobs(signal.raise_signal, [signal.SIGKILL] * 2, workers=2))
+        list(run_jobs(signal.raise_signal, [signal.SIGKILL] * 2, Workers(2)))
 
 
 @pytest.mark.usefixtures("small_ppo")

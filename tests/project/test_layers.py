@@ -45,7 +45,7 @@ LIBRARIES = {
         "recorders",
         "benchmarks.datasets", "benchmarks.recording",  # compared with LeRobot's own writer and reader
     },
-    "ray": {"studies.ablation.executors.ray"},
+    "ray": {"runs.executors.ray"},
 }  # fmt: skip
 
 

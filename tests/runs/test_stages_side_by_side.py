@@ -10,6 +10,7 @@ from support.experiment_samples import tiny
 from support.stage_samples import ALL, Plan, do_one, staged
 
 from nas_data.errors import SimulationDiverged
+from nas_data.runs.parallel import Workers
 from nas_data.runs.stages import STAGES as NOTES
 from nas_data.runs.stages import Work, find_prerequisites, read_stage, run_side_by_side
 from nas_data.studies.experiments.pipeline.artifacts import PHI, PSI
@@ -17,7 +18,7 @@ from nas_data.studies.experiments.pipeline.artifacts import PHI, PSI
 
 def go(folder: Path, plan: Plan, workers: int = 2) -> list[str]:
     said: list[str] = []
-    run_side_by_side(tuple(ALL.values()), Work(plan, folder, said.append), workers, do_one)
+    run_side_by_side(tuple(ALL.values()), Work(plan, folder, said.append), Workers(workers), do_one)
     return said
 
 
@@ -66,7 +67,7 @@ def test_a_stage_that_says_nothing_of_it_builds_on_all_before_it():
 @pytest.mark.slow
 def test_the_material_of_an_environment_is_the_same_side_by_side(tmp_path):
     made = {
-        workers: tiny(tmp_path / str(workers), "Pusher", workers=workers).material("Pusher", (PHI, PSI))
+        workers: tiny(tmp_path / str(workers), "Pusher", workers=Workers(workers)).material("Pusher", (PHI, PSI))
         for workers in (1, 2)
     }
     one, two = made[1], made[2]

@@ -15,11 +15,13 @@ from nas_data.models.presets import preset
 from nas_data.models.split import select_frames
 from nas_data.reports.figures import AblationCurve, draw_error_over_amount
 from nas_data.reports.style import to_png
+from nas_data.runs.executors import FOLDER as EXECUTORS
+from nas_data.runs.executors import find_workers
+from nas_data.runs.parallel import run_jobs
 from nas_data.studies.ablation.evaluation import TrainingData, TrialResult
 from nas_data.studies.ablation.kinds.base import FOLDER as KINDS
 from nas_data.studies.ablation.kinds.base import ModelKind, find_kind
 from nas_data.studies.ablation.summary import MAX_EXCESS, Spread, SweepSummary
-from nas_data.studies.ablation.sweep import EXECUTORS, find_executor
 from nas_data.studies.ablation.sweep_data import Amount, divide, draw, parse
 from nas_data.studies.ablation.trial import Config
 from nas_data.studies.ablation.write import format_markdown, format_table, make_rows, write
@@ -142,7 +144,7 @@ def test_every_kind_of_the_folder_has_a_name_of_its_own(name):
     [pytest.param(name, marks=pytest.mark.slow if name == "ray" else ()) for name in registry.list_names(EXECUTORS)],
 )
 def test_every_executor_of_the_folder_returns_each_result_with_its_number(name):
-    assert dict(find_executor(name)(abs, [-3, 2, -1], 1)) == {0: 3, 1: 2, 2: 1}
+    assert dict(run_jobs(abs, [-3, 2, -1], find_workers(name, 1))) == {0: 3, 1: 2, 2: 1}
 
 
 # what a sweep found

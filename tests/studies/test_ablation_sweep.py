@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from support.command_samples import SIMULATED, done, nas
 from support.recording_samples import GAP, pendulum, recorded_on, wander
-from support.sweep_samples import BRIEF, TINY, answers, here_and_now, planned, silent
+from support.sweep_samples import BRIEF, TINY, answers, planned, silent
 from support.training_samples import same
 from support.two_joint_arm import ARM, recorded
 
@@ -25,10 +25,13 @@ from nas_data.errors import DatasetInvalid, OutputExists, WorkerLost
 from nas_data.gap.write_model import write_effects
 from nas_data.models.split import select_frames, split_validation
 from nas_data.runs.environment_info import find_commit
+from nas_data.runs.job_locks import JobLocks, list_locks
+from nas_data.runs.parallel import ONE_WORKER, run_jobs
+from nas_data.studies.ablation import sweep as sweeping
 from nas_data.studies.ablation import trial as trials
 from nas_data.studies.ablation.evaluation import TrialResult
 from nas_data.studies.ablation.kinds.base import TrainingInput, find_kind
-from nas_data.studies.ablation.sweep import open_sweep, run_sweep
+from nas_data.studies.ablation.sweep import run_sweep
 from nas_data.studies.ablation.sweep_data import Amount, SweepData, divide, draw
 from nas_data.studies.ablation.trial import UNFINISHED, do_trial
 from nas_data.typed_json import from_json
@@ -129,16 +132,16 @@ def test_all_trials_of_a_seed_meet_the_same_held_out_episodes(place, tmp_path):
 def test_results_by_other_code_are_not_used_and_not_removed(place, tmp_path, edited):
     told = []
     swept = planned(place, tmp_path, amounts=(Amount(2, "episodes"),))
-    first = run_sweep(swept, here_and_now, 1, False, told.append)
+    first = run_sweep(swept, ONE_WORKER, False, told.append)
     assert all(result.commit == find_commit() for result in first)
     assert all(len(trial.code) == 64 for trial in swept)
     edited("nas_data.models.training", "class ModelTraining", "class Renamed")
     again = planned(place, tmp_path, amounts=(Amount(2, "episodes"),))
     assert not {trial.path for trial in swept} & {trial.path for trial in again}
-    second = run_sweep(again, here_and_now, 1, False, told.append)
+    second = run_sweep(again, ONE_WORKER, False, told.append)
     assert "2 of these trials have results of another version of nas_data, which are kept but not used" in told
     assert len(answers(tmp_path)) == 4
-    assert run_sweep(again, here_and_now, 1, False, told.append) == second
+    assert run_sweep(again, ONE_WORKER, False, told.append) == second
 
 
 def test_only_code_that_decides_a_kind_makes_its_trials_other_ones(place, tmp_path, edited):
@@ -178,17 +181,18 @@ def test_data_that_change_while_a_sweep_runs_are_noticed(place, tmp_path):
 # sweeps
 
 
-def test_no_trial_is_done_twice_and_a_sweep_can_grow(place, tmp_path):
+def test_no_trial_is_done_twice_and_a_sweep_can_grow(place, tmp_path, monkeypatch):
     asked = []
 
-    def counting(function, jobs, workers, after=None):
+    def counting(function, jobs, workers, locks):
         asked.append([job.key for job in jobs])
-        return here_and_now(function, jobs, workers)
+        return run_jobs(function, jobs, workers, locks=locks)
 
+    monkeypatch.setattr(sweeping, "run_jobs", counting)
     few = {"amounts": (Amount(2, "episodes"),)}
-    first = run_sweep(planned(place, tmp_path, **few), counting, 1, False, silent)
-    again = run_sweep(planned(place, tmp_path, **few), counting, 1, False, silent)
-    grown = run_sweep(planned(place, tmp_path, **few, seeds=(0, 1)), counting, 1, False, silent)
+    first = run_sweep(planned(place, tmp_path, **few), ONE_WORKER, False, silent)
+    again = run_sweep(planned(place, tmp_path, **few), ONE_WORKER, False, silent)
+    grown = run_sweep(planned(place, tmp_path, **few, seeds=(0, 1)), ONE_WORKER, False, silent)
     assert [len(keys) for keys in asked] == [2, 0, 2]
     assert not set(asked[0]) & set(asked[2])
     assert first == again == grown[:2]
@@ -196,11 +200,11 @@ def test_no_trial_is_done_twice_and_a_sweep_can_grow(place, tmp_path):
 
 def test_a_result_that_cannot_be_trusted_is_made_again(place, tmp_path):
     waiting = planned(place, tmp_path, kinds=("forward",))
-    run_sweep(waiting, here_and_now, 1, False, silent)
+    run_sweep(waiting, ONE_WORKER, False, silent)
     before = answers(tmp_path)
     waiting[0].path.write_text('{"question": ')
     waiting[1].path.write_text(waiting[2].path.read_text())
-    run_sweep(waiting, here_and_now, 1, False, silent)
+    run_sweep(waiting, ONE_WORKER, False, silent)
     assert answers(tmp_path) == before
 
 
@@ -280,7 +284,7 @@ def test_a_fault_of_ours_ends_one_trial_and_keeps_its_traceback(place, tmp_path,
         return plain(trial, folder) if trial is not waiting[1] else {}["friction"]
 
     monkeypatch.setattr(trials, "train_and_evaluate", faulty)
-    results = run_sweep(waiting, here_and_now, 1, False, silent)
+    results = run_sweep(waiting, ONE_WORKER, False, silent)
     assert [result.failed for result in results] == [None, "KeyError: 'friction'.", None]
     assert "faulty" in "".join(results[1].traceback)
 
@@ -303,6 +307,8 @@ def test_a_fault_of_ours_ends_one_trial_and_keeps_its_traceback(place, tmp_path,
         (("--seeds", "one"), "--seeds are one"),
         (("--held-out", "1.5"), "--held-out is 1.5"),
         (("--workers", "0"), "--workers is 0"),
+        (("--join",), "There is no run in runs/ablation to join; begin it there with --executor folder"),
+        (("--join", "--executor", "ray"), "--join joins a run of --executor folder, not of ray"),
         (("--test", "."), "There is no dataset at"),
         (("--model", "ergojr"), "pendulum"),
         (("--kinds", "named", "--effects", "nowhere"), "nowhere"),
@@ -343,11 +349,59 @@ def test_a_folder_of_another_sweep_or_of_anything_else_is_refused(place, here):
     assert [path.name for path in Path("notes").iterdir()] == ["mine.txt"]
 
 
-def test_a_folder_is_swept_by_one_process_at_a_time(tmp_path):
-    with open_sweep(tmp_path, {}), pytest.raises(OutputExists, match="Another `nas ablate`"), open_sweep(tmp_path, {}):
-        pass
-    with open_sweep(tmp_path, {}):
-        assert sorted(path.name for path in tmp_path.iterdir()) == [".lock", "sweep.json"]
+def test_a_lone_process_does_not_do_the_trial_of_another(place, tmp_path):
+    swept = planned(place, tmp_path, kinds=("forward",))
+    (other := JobLocks(list_locks(tmp_path, [swept[0].key]), shared=False)).take(0)
+    with pytest.raises(OutputExists, match=r"Another process works in .*; wait for it, choose another --out, or join"):
+        run_sweep(swept, ONE_WORKER, False, silent)
+    other.release_all()
+    assert len(run_sweep(swept, ONE_WORKER, False, silent)) == 3
+
+
+def test_a_trial_that_another_process_did_meanwhile_is_read(place, tmp_path, monkeypatch):
+    """The other process finishes each trial just before this one would begin it."""
+    swept = planned(place, tmp_path, kinds=("forward",))
+    monkeypatch.setattr(sweeping, "run_jobs", lambda do, jobs, *_, **__: ((n, do(j)) for n, j in enumerate(jobs)))
+    first = run_sweep(swept, ONE_WORKER, False, silent)
+    monkeypatch.setattr(sweeping, "do_trial", None)
+    found = [sweeping.do_unfinished(trial) for trial in swept]
+    assert found == first
+
+
+def test_jobs_are_listed_with_their_times_and_none_is_run(place, here):
+    options = ("--kinds", "forward,named", "--counts", "2,4", "--seeds", "0", "--out", "run")
+    listed = done("ablate", place.paired, *options, "--dry-run")
+    assert "4 jobs, 0 done; the others take roughly" in listed.out and "named, 2 episodes, seed 0" in listed.out
+    assert not list(Path().iterdir())
+    done("ablate", place.paired, *options[:1], "forward", *options[2:], *BRIEF)
+    content = done("ablate", place.paired, *options, *BRIEF, "--dry-run", "--workers", "2", "--json").json
+    assert [job["done"] for job in content["jobs"]] == [True, False, True, False]
+    assert content["workers"] == 2
+    waiting = [job["seconds"] for job in content["jobs"] if not job["done"]]
+    assert content["seconds_left"] == pytest.approx(max(sum(waiting) / 2, *waiting), abs=0.1)
+    assert len(answers(Path("run"))) == 2
+
+
+@pytest.mark.slow
+def test_two_processes_share_a_sweep_in_a_folder(place, here):
+    """Also a trial whose process is killed is done by the other."""
+    options = ["--kinds", "forward", "--counts", "2,3,4", "--seeds", "0,1", *BRIEF]
+    command = [sys.executable, "-m", "nas_data", "ablate", str(place.paired), *options]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+
+    def begin(*more: str) -> subprocess.Popen:
+        return subprocess.Popen([*command, "--out", "run", *more], env=environment, stderr=subprocess.PIPE, text=True)
+
+    killed = begin("--executor", "folder")
+    until(lambda: Path("run/.unfinished").is_dir() and list(Path("run/.unfinished").iterdir()))
+    sharing = [begin("--join") for _ in range(2)]
+    killed.send_signal(signal.SIGKILL)
+    killed.wait()
+    said = [process.communicate()[1] for process in sharing]
+    assert [process.returncode for process in sharing] == [0, 0], said
+    done("ablate", place.paired, *options, "--out", "alone")
+    assert len(answers(Path("run"))) == 6
+    assert answers(Path("run")) == answers(Path("alone"))
 
 
 def test_the_trainings_follow_a_preset_and_what_is_given_beside_it(place, here):

@@ -18,6 +18,7 @@ from nas_data.policies.intervals import compute_median_interval, compute_return_
 from nas_data.policies.policy import DivergedEpisodes
 from nas_data.recorders.recipe import CommandKind, Recipe
 from nas_data.reports.figures import draw_error_growth, quartiles
+from nas_data.runs.parallel import Workers
 from nas_data.studies.experiments import figure6
 from nas_data.studies.experiments.pipeline import compare_methods, run, stages
 from nas_data.studies.experiments.pipeline.artifacts import METHODS, Artifacts, MaterialPlan
@@ -137,15 +138,15 @@ def test_workers_of_figure6_simulate_on_one_thread(tmp_path, monkeypatch):
     class Seen(Exception):
         pass
 
-    def look(function, jobs, workers):
-        assert {job.threads for job in jobs} == {1 if workers > 1 else None}
+    def look(function, jobs, workers, locks):
+        assert {job.threads for job in jobs} == {1 if workers.count > 1 else None}
         raise Seen
 
     monkeypatch.setattr(figure6, "run_jobs", look)
     monkeypatch.setattr(figure6, "run_study", lambda *_: None)
     for workers in (1, 2):
         with pytest.raises(Seen):
-            run_experiment("figure6", tiny(tmp_path, "Pusher", seeds=(0,), workers=workers))
+            run_experiment("figure6", tiny(tmp_path, "Pusher", seeds=(0,), workers=Workers(workers)))
 
 
 # --- what is recorded

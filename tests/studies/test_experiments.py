@@ -24,7 +24,7 @@ from nas_data.studies.experiments.base import FOLDER, Experiment, find_experimen
 from nas_data.studies.experiments.figure6 import find_sufficient_count
 from nas_data.studies.experiments.pipeline import authors, sample_size, stages
 from nas_data.studies.experiments.pipeline.artifacts import METHODS, Artifacts, MaterialPlan, list_needed_stages
-from nas_data.studies.experiments.pipeline.run import format_stem, run_experiment
+from nas_data.studies.experiments.pipeline.run import format_stem, list_experiment_jobs, run_experiment
 from nas_data.studies.experiments.pipeline.sizes import FULL, QUICK, RECORDINGS
 from nas_data.studies.experiments.table1 import PREDICTORS, compute_differences, compute_statistics
 
@@ -145,6 +145,19 @@ def test_a_second_call_trains_nothing_and_finds_the_same(folder):
     assert "all environments together" not in said
     assert found.data["environments"]["Pusher"]["methods"]["nas"]["returns"]
     assert all(sentence in found.text for sentence in RESTS_ON)
+
+
+@pytest.mark.parametrize(
+    ("name", "count"), [("figure4", 3), ("table1", 3), ("figure5", 2 + len(CHEAP) * len(TINY.seeds))]
+)
+def test_the_jobs_of_a_finished_experiment_are_listed_as_done(folder, name, count):
+    request = tiny(folder, "Pusher", methods=CHEAP if name == "figure5" else ())
+    before = times(folder)
+    jobs = list_experiment_jobs(name, request)
+    assert len(jobs) == len({job.name for job in jobs}) == count
+    assert all(job.took is not None and job.took < 60 for job in jobs)
+    assert any(job.took is None for job in list_experiment_jobs("figure5", replace(request, dynamics="paper")))
+    assert times(folder) == before
 
 
 def test_more_seeds_leave_those_done_before_alone(folder):
@@ -285,6 +298,8 @@ def test_figure6_sweeps_nested_subsets_and_says_how_many_are_enough(tmp_path):
     assert "source + φ: smallest number of trajectories" in found.text
     assert {(run["count"], run["seed"]) for run in found.data["runs"]} == {(count, 0) for count in TINY.counts}
     assert all(run["learning_seconds"] > 0 and run["cpu_seconds"] > 0 for run in found.data["runs"])
+    jobs = list_experiment_jobs("figure6", request)
+    assert len(jobs) == 1 + 2 + len(TINY.counts) and all(job.took for job in jobs)
     before = times(tmp_path / "tiny")
     again = run_experiment("figure6", request)
     assert times(tmp_path / "tiny") == before

@@ -28,12 +28,6 @@ def planned(place: Place, folder: Path, **changes) -> list[trials.Trial]:
     return swept.trials(swept.material.content(), folder)
 
 
-def here_and_now(function, jobs, workers, after=None):
-    """Run jobs in this process."""
-    for number, job in enumerate(jobs):
-        yield number, function(job)
-
-
 def silent(_: str) -> None:
     """Say nothing."""
 

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,10 @@ from nas_data.benchmarks.blind.record import CaseFailure, CaseRecord
 from nas_data.benchmarks.blind.run_case import CaseRunner, Investigate, check_code
 from nas_data.benchmarks.blind.settings.base import find_setting
 from nas_data.errors import OptionError, UnknownName
+from nas_data.gap.side_by_side import on_one_core
+from nas_data.runs.job_locks import list_locks
+from nas_data.runs.parallel import ONE_WORKER, Workers, run_jobs
+from nas_data.runs.progress import format_duration
 
 RESULTS, FOLDERS = "results", "cases"
 
@@ -55,7 +60,13 @@ class BlindPlan:
                     yield Identity(family, plant, number, self.seed, self.faint, self.setting)
 
 
-def run(plan: BlindPlan, out: Path, investigate: Investigate, report: Callable[[str], None]) -> list[CaseRecord]:
+def run(
+    plan: BlindPlan,
+    out: Path,
+    investigate: Investigate,
+    report: Callable[[str], None],
+    workers: Workers = ONE_WORKER,
+) -> list[CaseRecord]:
     """Run every case that is not finished yet and return the records of all.
 
     Args:
@@ -63,32 +74,66 @@ def run(plan: BlindPlan, out: Path, investigate: Investigate, report: Callable[[
         out: `results/` holds one JSON file per finished case, `cases/` their folders.
         investigate: The workflow under test.
         report: Called with a sentence on each case.
+        workers: Where the cases run.
 
     Raises:
         UnknownName, OptionError: the plan cannot be run.
-        OutputExists: finished cases were evaluated by other code.
+        OutputExists: finished cases were evaluated by other code, or another process works in the folder and the
+            workers are not shared.
     """
     plan.check()
-    return run_cases(list(plan.identities()), CaseRunner(investigate, plan.baselines, plan.keep), out, report)
+    return run_cases(list(plan.identities()), CaseRunner(investigate, plan.baselines, plan.keep), out, report, workers)
+
+
+@dataclass(frozen=True)
+class CaseJob:
+    """A case to run."""
+
+    identity: Identity
+    runner: CaseRunner
+    out: Path  # folder of the benchmark
+    one_core: bool  # whether the search uses one core
+
+    @property
+    def path(self) -> Path:
+        """File of the result."""
+        return self.out / RESULTS / f"{self.identity.name}.json"
+
+    def read(self) -> CaseRecord | None:
+        """Return the stored record; None if results are missing."""
+        record = CaseRecord.read(self.path)
+        return record if record is not None and self.runner.is_done(record) else None
+
+
+def do_case(job: CaseJob) -> CaseRecord:
+    """Run a case and store its record, unless that is done."""
+    record = CaseRecord.read(job.path)
+    if record is not None and job.runner.is_done(record):
+        return record
+    with on_one_core() if job.one_core else nullcontext():
+        return job.runner.run(job.identity, job.out / FOLDERS / job.identity.name, record).store(job.path)
 
 
 def run_cases(
-    identities: Sequence[Identity], runner: CaseRunner, out: Path, report: Callable[[str], None]
+    identities: Sequence[Identity],
+    runner: CaseRunner,
+    out: Path,
+    report: Callable[[str], None],
+    workers: Workers = ONE_WORKER,
 ) -> list[CaseRecord]:
     """Run the unfinished ones of some cases and return the records of all; arguments as for `run`."""
-    paths = {identity: out / RESULTS / f"{identity.name}.json" for identity in identities}
-    known = {identity: record for identity, path in paths.items() if (record := CaseRecord.read(path)) is not None}
+    jobs = [CaseJob(identity, runner, out, workers.count > 1) for identity in identities]
+    known = {job.identity: record for job in jobs if (record := CaseRecord.read(job.path)) is not None}
     check_code(known, out)
-    records, began, evaluated = [], time.monotonic(), 0
-    for done, (identity, path) in enumerate(paths.items(), start=1):
-        record = known.get(identity)
-        if record is None or not runner.is_done(record):
-            record = runner.run(identity, out / FOLDERS / identity.name, record).store(path)
-            evaluated += 1
-            left = (time.monotonic() - began) / evaluated * (len(paths) - done)
-            report(f"{done} of {len(paths)}, about {left / 60:.0f} min left: {describe_case(record)}")
-        records.append(record)
-    return records
+    records = {job.identity: record for job in jobs if (record := job.read()) is not None}
+    waiting = [job for job in jobs if job.identity not in records]
+    began = time.monotonic()
+    locks = list_locks(out, [job.identity.name for job in waiting])
+    for done, (number, record) in enumerate(run_jobs(do_case, waiting, workers, locks=locks), start=1):
+        records[waiting[number].identity] = record
+        left = (time.monotonic() - began) / done * (len(waiting) - done)
+        report(f"{len(records)} of {len(jobs)}, {format_duration(left)} left: {describe_case(record)}")
+    return [records[identity] for identity in identities]
 
 
 def describe_case(record: CaseRecord) -> str:

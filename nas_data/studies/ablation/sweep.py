@@ -1,15 +1,13 @@
 """A resumable sweep over amount × seed × kind, checked before it starts."""
 
+import contextlib
 import json
-import shutil
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from filelock import FileLock, Timeout
 
 from nas_data import registry
 from nas_data.atomic_file import write_atomic
@@ -21,6 +19,8 @@ from nas_data.dataset.versions import check_paired
 from nas_data.errors import DatasetInvalid, JointMismatch, ModelFileError, OptionError, OutputExists
 from nas_data.models.presets import TrainingOptions
 from nas_data.pairing import check_fits, check_source
+from nas_data.runs.job_locks import LOCKS, list_locks
+from nas_data.runs.parallel import Workers, run_jobs
 from nas_data.runs.progress import format_duration
 from nas_data.simulators.engines import ENGINES
 from nas_data.sources import SourceModel
@@ -32,20 +32,7 @@ from nas_data.studies.ablation.trial import TRIALS, UNFINISHED, Config, Trial, d
 from nas_data.typed_json import from_json
 from nas_data.visible_files import list_visible_files
 
-SWEEP, LOCK = "sweep.json", ".lock"
-EXECUTORS = "studies.ablation.executors"
-# runs a function on each trial, a given number in parallel; yields each trial's number and result when it finishes
-Executor = Callable[[Callable[[Trial], TrialResult], Sequence[Trial], int], Iterator[tuple[int, TrialResult]]]
-
-
-def find_executor(name: str) -> Executor:
-    """Return an executor by its name.
-
-    Raises:
-        UnknownName: there is no such executor; lists the executors.
-    """
-    executor: Executor = registry.import_plugin(EXECUTORS, name, "executor").run
-    return executor
+SWEEP = "sweep.json"
 
 
 @dataclass(frozen=True)
@@ -83,41 +70,53 @@ class SweepPlan:
         }
 
 
-def run_sweep(
-    trials: Sequence[Trial], executor: Executor, workers: int, retry: bool, say: Callable[[str], None]
-) -> list[TrialResult]:
+def run_sweep(trials: Sequence[Trial], workers: Workers, retry: bool, say: Callable[[str], None]) -> list[TrialResult]:
     """Run the unfinished trials, and return all results in order.
 
     Results of other code stay in the folder and are not used.
 
     Args:
         trials: See `SweepPlan.trials`.
-        executor: Runs the trials.
-        workers: Number of parallel trials.
+        workers: Where the trials run.
         retry: Whether to repeat failed trials.
         say: Called with a sentence for each result.
+
+    Raises:
+        OutputExists: another process works in the folder, and the workers are not shared.
     """
-    results = {number: result for number, trial in enumerate(trials) if (result := read_result(trial, retry))}
+    results = {number: result for number, trial in enumerate(trials) if (result := read_result(trial))}
+    for number in [number for number, result in results.items() if retry and result.failed]:
+        trials[number].path.unlink()
+        del results[number]
     waiting = [number for number in range(len(trials)) if number not in results]
     jobs = [trials[number] for number in waiting]
-    progress = SweepProgress([trial.config for trial in jobs], workers, len(trials))
+    progress = SweepProgress([trial.config for trial in jobs], workers.count, len(trials))
     if others := count_other_code(trials):
         say(f"{others} of these trials have results of another version of nas_data, which are kept but not used")
     say(progress.begin(sum(result.failed is not None for result in results.values())))
-    for index, result in executor(do_trial, jobs, workers):
+    locks = list_locks(trials[0].folder, [trial.key for trial in jobs]) if jobs else ()
+    for index, result in run_jobs(do_unfinished, jobs, workers, locks=locks):
         results[waiting[index]] = result
         say(progress.describe(jobs[index].config, result))
+    if not workers.shared:
+        with contextlib.suppress(OSError):  # a killed trial of another sweep left something there, or nothing was run
+            (trials[0].folder / UNFINISHED).rmdir()
     return [results[number] for number in range(len(trials))]
 
 
-def read_result(trial: Trial, retry: bool) -> TrialResult | None:
-    """Return a trial's stored result; None if there is no valid one, or a failed one is to be repeated."""
+def do_unfinished(trial: Trial) -> TrialResult:
+    """Run a trial unless another process has done it."""
+    return read_result(trial) or do_trial(trial)
+
+
+def read_result(trial: Trial) -> TrialResult | None:
+    """Return a trial's stored result; None if there is no valid one."""
     try:
         record = json.loads(trial.path.read_text(encoding="utf-8"))
         result = from_json(TrialResult, record)
     except (OSError, ValueError):
         return None
-    return None if record.get("question") != trial.question or (retry and result.failed) else result
+    return result if record.get("question") == trial.question else None
 
 
 def count_other_code(trials: Sequence[Trial]) -> int:
@@ -191,29 +190,19 @@ def format_error(kind: str, result: TrialResult) -> str:
     return f"open loop {text(loop, 3) if np.isfinite(loop) else 'diverged'}, one step {text(step, 4)}"
 
 
-@contextmanager
-def open_sweep(folder: Path, identity: Mapping[str, object]) -> Iterator[None]:
-    """Lock a sweep's folder: a new one, or that of the same sweep.
+def begin_sweep(folder: Path, identity: Mapping[str, object]) -> None:
+    """Claim a sweep's folder: a new one, or that of the same sweep.
 
     Raises:
-        OutputExists: it holds something else, or another process works in it.
+        OutputExists: it holds something else.
     """
     check_same(folder, identity)
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        lock = FileLock(folder / LOCK).acquire(timeout=0)
-    except Timeout:
-        raise OutputExists(f"Another `nas ablate` runs in {folder}; wait for it, or choose another --out.") from None
-    with lock:
-        shutil.rmtree(folder / UNFINISHED, ignore_errors=True)  # remains of a killed sweep
-        write_atomic(folder / SWEEP, (json.dumps(identity, indent=1) + "\n").encode())
-        yield
-        shutil.rmtree(folder / UNFINISHED, ignore_errors=True)
+    write_atomic(folder / SWEEP, (json.dumps(identity, indent=1) + "\n").encode())
 
 
 def check_same(folder: Path, identity: Mapping[str, object]) -> None:
     """Raise OutputExists if a folder holds another sweep or something else."""
-    entries = {path.name for path in folder.iterdir()} - {LOCK, UNFINISHED} if folder.is_dir() else set()
+    entries = {path.name for path in folder.iterdir()} - {LOCKS, UNFINISHED} if folder.is_dir() else set()
     if not entries and not folder.is_file():
         return
     try:

@@ -99,6 +99,8 @@ def do_trial(trial: Trial) -> TrialResult:
     check_code(trial)
     workplace = trial.folder / UNFINISHED
     workplace.mkdir(parents=True, exist_ok=True)
+    for remains in workplace.glob(f"{trial.key}-*"):
+        shutil.rmtree(remains, ignore_errors=True)  # of a killed run of this trial
     folder = Path(tempfile.mkdtemp(prefix=f"{trial.key}-", dir=workplace))
     wall, cpu = time.perf_counter(), time.process_time()
     try:

@@ -19,7 +19,7 @@ from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compa
 from nas_data.policies.evaluate import score_baselines
 from nas_data.policies.intervals import describe_bootstrap
 from nas_data.policies.policy import Hyperparameters
-from nas_data.runs.parallel import count_cores, run_jobs
+from nas_data.runs.parallel import Workers, count_cores, run_jobs
 from nas_data.runs.progress import say
 from nas_data.runs.stages import INDENT, StageResult
 from nas_data.sources import find_source
@@ -49,7 +49,7 @@ def learn_models(demo: Demo) -> StageResult:
     options: dict[Kind, TrainingOptions] = {"delta": demo.plan.delta, "forward": demo.plan.forward}
     threads = 1 if count_cores() > 1 else None  # one core for each model
     jobs = [ModelJob(kind, train, options[kind], demo.folder / FOLDERS[kind], threads) for kind in FOLDERS]
-    histories = {jobs[number].kind: rows for number, rows in run_jobs(learn, jobs, count_cores())}
+    histories = {jobs[number].kind: rows for number, rows in run_jobs(learn, jobs, Workers(count_cores()))}
     dataset = read(heldout)
     delta, psi = (demo.folder / FOLDERS[kind] for kind in FOLDERS)
     evaluation = compare_models(dataset, find_source(None, (), dataset, [heldout]), delta, psi)
@@ -117,7 +117,9 @@ def learn_policies(demo: Demo) -> StageResult:
     plan = demo.plan
     study = make_study(demo)
     with report_training_progress(study, demo.folder / FOLDER, lambda line: demo.report(f"{INDENT}{line}")):
-        comparison = compare(study, demo.folder / FOLDER, count_cores(), lambda line: demo.report(f"{INDENT}{line}"))
+        comparison = compare(
+            study, demo.folder / FOLDER, Workers(count_cores()), lambda line: demo.report(f"{INDENT}{line}")
+        )
     baselines = score_baselines(plan.target, plan.judged)
     texts = [
         f"On the target, {plan.judged} episodes per policy (higher is better):",

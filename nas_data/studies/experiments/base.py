@@ -7,6 +7,8 @@ from pathlib import Path
 from nas_data import registry
 from nas_data.environment_ids import make_environment_name
 from nas_data.envs.base import find_task_file
+from nas_data.runs.parallel import ONE_WORKER, Workers
+from nas_data.runs.planned_jobs import PlannedJob
 from nas_data.simulators.engines import ENGINE_NAMES
 from nas_data.studies.experiments.pipeline.artifacts import Artifacts, MaterialPlan
 from nas_data.studies.experiments.pipeline.sizes import Sizes
@@ -25,7 +27,7 @@ class Request:
     folder: Path  # folder of results and artifacts; experiments with the same folder share artifacts
     report: Callable[[str], None]  # called with lines of progress
     methods: tuple[str, ...] = ()  # methods to compare, if the experiment compares methods
-    workers: int = 1  # number of parallel processes
+    workers: Workers = ONE_WORKER  # where trainings run
     purpose: str = "material"  # subfolder of the artifacts, one for each set of sizes
     full_sizes: Sizes | None = (
         None  # sizes of the whole experiment, to distinguish files of parts of it; `sizes` if None
@@ -96,6 +98,8 @@ class Experiment:
     run: Callable[[Request], ExperimentResult]  # function that runs it
     several: bool = True  # whether it supports several environments at a time
     methods: tuple[str, ...] = ()  # available methods; if empty, those of figure 5
+    # function that lists its jobs before it runs
+    plan: Callable[[Request], list[PlannedJob]] = field(kw_only=True)
 
 
 def find_experiment(name: str) -> Experiment:

@@ -6,6 +6,7 @@ from nas_data.count_of import count_of
 from nas_data.reports.figures import draw_error_growth, warn
 from nas_data.reports.style import to_png
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request, ResultTable
+from nas_data.studies.experiments.pipeline.dry_run import plan_sequence
 from nas_data.studies.experiments.pipeline.sequence import DRAWN, Sequence, predict_heldout
 from nas_data.studies.experiments.pipeline.table_notes import list_model_notes
 
@@ -60,4 +61,4 @@ def format_cell(error: float) -> str:
     return f"{np.degrees(error):.3f}" if np.isfinite(error) else "diverged"
 
 
-EXPERIMENT = Experiment("One command sequence, predicted in open loop", ("Pusher",), run)
+EXPERIMENT = Experiment("One command sequence, predicted in open loop", ("Pusher",), run, plan=plan_sequence)

@@ -7,6 +7,7 @@ from nas_data.reports.style import to_png
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request
 from nas_data.studies.experiments.pipeline.authors import list_remarks
 from nas_data.studies.experiments.pipeline.compare_methods import compare_methods, describe, make_panel, make_table
+from nas_data.studies.experiments.pipeline.dry_run import plan_methods
 
 
 def run(request: Request) -> ExperimentResult:
@@ -25,5 +26,5 @@ def run(request: Request) -> ExperimentResult:
 
 
 EXPERIMENT = Experiment(
-    "Return of the policies of each method on the target", ("Pusher", "Striker", "ErgoReacher"), run
+    "Return of the policies of each method on the target", ("Pusher", "Striker", "ErgoReacher"), run, plan=plan_methods
 )

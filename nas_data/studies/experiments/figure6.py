@@ -14,7 +14,9 @@ from nas_data.policies.evaluate import summarise_spread
 from nas_data.policies.intervals import describe_interval, format_median
 from nas_data.reports.figures import draw_return_over_count
 from nas_data.reports.style import to_png
+from nas_data.runs.job_locks import list_locks
 from nas_data.runs.parallel import run_jobs
+from nas_data.runs.planned_jobs import PlannedJob
 from nas_data.runs.progress import format_duration
 from nas_data.runs.stages import INDENT
 from nas_data.studies.ablation.summary import MAX_EXCESS
@@ -22,6 +24,7 @@ from nas_data.studies.experiments.base import Experiment, ExperimentResult, Requ
 from nas_data.studies.experiments.pipeline.artifacts import Artifacts
 from nas_data.studies.experiments.pipeline.authors import RETURN_BY_COUNT
 from nas_data.studies.experiments.pipeline.compare_methods import make_hyperparameters, make_study, run_study
+from nas_data.studies.experiments.pipeline.dry_run import plan_count, plan_material, plan_policies
 from nas_data.studies.experiments.pipeline.sample_size import LEARNED, LEARNED_ON, CountJob, do_count
 from nas_data.studies.experiments.pipeline.stages import describe_stages
 from nas_data.studies.experiments.pipeline.table_notes import NAS, describe_intervals, describe_target
@@ -35,8 +38,7 @@ def run(request: Request) -> ExperimentResult:
     """Sweep the number of trajectories on one environment."""
     counts, methods = choose_counts(request)
     (environment,) = request.environments
-    recorded = request.sizes.trajectories or max(counts)
-    recording = replace(request, sizes=replace(request.sizes, trajectories=recorded), purpose=f"counts{recorded}")
+    recording = choose_recording(request, counts)
     ends = run_study(make_study(request, recording.material(environment, ()), ENDS), request, environment)
     material = recording.material(environment, ("record",))
     returns, runs = sweep(request, material, counts, methods)
@@ -68,6 +70,20 @@ def run(request: Request) -> ExperimentResult:
         },
         {"": to_png(picture)},
     )
+
+
+def choose_recording(request: Request, counts: tuple[int, ...]) -> Request:
+    """Return the request with one recording for all numbers of trajectories."""
+    recorded = request.sizes.trajectories or max(counts)
+    return replace(request, sizes=replace(request.sizes, trajectories=recorded), purpose=f"counts{recorded}")
+
+
+def plan(request: Request) -> list[PlannedJob]:
+    """Return the jobs: the recording, the policies of both references, and every count and seed."""
+    counts, methods = choose_counts(request)
+    recording = choose_recording(request, counts)
+    every = [plan_count(recording, count, seed, methods) for seed in request.sizes.seeds for count in counts]
+    return [*plan_material(recording, ("record",)), *plan_policies(request, ENDS), *every]
 
 
 def choose_counts(request: Request) -> tuple[tuple[int, ...], tuple[str, ...]]:
@@ -114,7 +130,7 @@ def sweep(
             policies=sizes.policies,
             folder=material.folder / "sweep" / str(count) / f"seed{seed}",
             presets=sizes.presets,
-            threads=1 if request.workers > 1 else None,
+            threads=1 if request.workers.count > 1 else None,
         )
         for seed in sizes.seeds
         for count in counts
@@ -122,7 +138,8 @@ def sweep(
     returns = {method: np.full((len(counts), len(sizes.seeds)), np.nan) for method in methods}
     runs: list[dict[str, object]] = []
     began = time.monotonic()
-    for done, (index, results) in enumerate(run_jobs(do_count, jobs, request.workers), start=1):
+    locks = list_locks(material.folder / "sweep", [f"{job.count}/seed{job.seed}" for job in jobs])
+    for done, (index, results) in enumerate(run_jobs(do_count, jobs, request.workers, locks=locks), start=1):
         job = jobs[index]
         for method, (result, seconds) in results.items():
             returns[method][counts.index(job.count), sizes.seeds.index(job.seed)] = result.score.mean_return
@@ -219,5 +236,5 @@ def format_authors_numbers(environment: str, method: str, count: int) -> str:
 
 
 EXPERIMENT = Experiment(
-    "Return by number of recorded trajectories", ("Pusher",), run, several=False, methods=tuple(LEARNED)
+    "Return by number of recorded trajectories", ("Pusher",), run, several=False, methods=tuple(LEARNED), plan=plan
 )

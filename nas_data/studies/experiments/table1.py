@@ -8,6 +8,7 @@ from nas_data.count_of import count_of
 from nas_data.envs.base import find_task_file
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request, ResultTable
 from nas_data.studies.experiments.pipeline.authors import DIFFERENCES
+from nas_data.studies.experiments.pipeline.dry_run import plan_sequence
 from nas_data.studies.experiments.pipeline.sequence import Sequence, predict_heldout
 from nas_data.studies.experiments.pipeline.stages import describe_stages
 from nas_data.studies.experiments.pipeline.table_notes import list_model_notes
@@ -100,4 +101,6 @@ def describe_numbers(found: Sequence) -> list[str]:
     ]
 
 
-EXPERIMENT = Experiment("Quartiles and mean of squared trajectory differences", ("ErgoShield",), run)
+EXPERIMENT = Experiment(
+    "Quartiles and mean of squared trajectory differences", ("ErgoShield",), run, plan=plan_sequence
+)

@@ -12,6 +12,7 @@ from nas_data.envs.base import find_task, find_task_file
 from nas_data.errors import OptionError, UnknownName
 from nas_data.runs.environment_info import find_commit, read_versions
 from nas_data.runs.parallel import combine_errors
+from nas_data.runs.planned_jobs import PlannedJob
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request, find_experiment
 from nas_data.studies.experiments.pipeline.artifacts import METHODS, check_methods
 from nas_data.typed_json import make_finite
@@ -35,14 +36,31 @@ def run_experiment(name: str, request: Request) -> ExperimentRun:
         OutputExists: the folder holds something else, or results of other code.
         JobsFailed: several jobs failed; all others are finished.
     """
-    experiment = find_experiment(name)
-    spelt = tuple(make_environment_name(find_task_file(environment)) for environment in request.environments)
-    request = replace(request, environments=spelt)  # file names do not depend on the spelling of an environment
-    check(experiment, request)
+    experiment, request = prepare(name, request)
     if len(request.environments) > 1:
         make_each(name, experiment, request)
         request.report("all environments together")
     return make(name, experiment, request)
+
+
+def list_experiment_jobs(name: str, request: Request) -> list[PlannedJob]:
+    """Return the jobs of an experiment, without running any.
+
+    Raises:
+        UnknownName: there is no such experiment, environment, dynamics or method; lists the choices.
+        OptionError: a size is invalid.
+    """
+    experiment, request = prepare(name, request)
+    return experiment.plan(request)
+
+
+def prepare(name: str, request: Request) -> tuple[Experiment, Request]:
+    """Return an experiment, and its request with the usual spelling of the environments; refuse an impossible one."""
+    experiment = find_experiment(name)
+    spelt = tuple(make_environment_name(find_task_file(environment)) for environment in request.environments)
+    request = replace(request, environments=spelt)  # file names do not depend on the spelling of an environment
+    check(experiment, request)
+    return experiment, request
 
 
 def make_each(name: str, experiment: Experiment, request: Request) -> None:
@@ -125,9 +143,8 @@ def check(experiment: Experiment, request: Request) -> None:
     check_methods(request.methods, experiment.methods)
     if not sizes.seeds or min(sizes.seeds) < 0 or len(set(sizes.seeds)) < len(sizes.seeds):
         raise OptionError(f"--seeds {' '.join(map(str, sizes.seeds))}: give different numbers, 0 or more.")
-    for option, value in (("--frames", sizes.frames), ("--workers", request.workers)):
-        if value < 1:
-            raise OptionError(f"{option} is {value}; it must be 1 or more.")
+    if sizes.frames < 1:
+        raise OptionError(f"--frames is {sizes.frames}; it must be 1 or more.")
 
 
 def format_stem(name: str, request: Request) -> str:

@@ -13,6 +13,7 @@ from nas_data.gap import workflow
 from nas_data.gap.model_correction import ModelCorrection
 from nas_data.models.lstm import Kind
 from nas_data.runs.code_hash import hash_code, list_effect_modules, list_gap_modules
+from nas_data.runs.parallel import Workers
 from nas_data.runs.progress import RateLimited, Report
 from nas_data.runs.stages import (
     INDENT,
@@ -207,7 +208,7 @@ def describe_stages(material: Artifacts) -> dict[str, object]:
 
 
 def make_material(
-    plan: MaterialPlan, folder: Path, needs: Collection[str], report: Report, workers: int = 1
+    plan: MaterialPlan, folder: Path, needs: Collection[str], report: Report, workers: Workers
 ) -> Artifacts:
     """Build the required artifacts of an environment; finished stages are skipped.
 
@@ -216,20 +217,25 @@ def make_material(
         folder: Their folder.
         needs: Names of the required stages; their dependencies are added.
         report: Called with lines of progress.
-        workers: Number of parallel stages; several run in processes of their own.
+        workers: Where the stages run; several run in processes of their own.
 
     Raises:
         OutputExists: the folder holds something else, or artifacts of another plan or other code.
         JobsFailed: several stages failed; all others are finished except those that depend on them.
     """
-    wanted = {*needs}.union(*(STAGES[name].builds_on or () for name in needs))
-    stages = [stage for name, stage in STAGES.items() if name in wanted]
+    stages = list_stages(needs)
     work = Work(plan, folder, report, name="folder of recordings and models")
-    if workers > 1:
+    if workers.count > 1 or workers.shared:
         run_side_by_side(stages, work, workers, make_part)
     else:
         run_stages(stages, work)
     return Artifacts(plan, folder)
+
+
+def list_stages(needs: Collection[str]) -> list[Stage[MaterialPlan]]:
+    """Return some stages and those that they depend on, in a valid sequential order."""
+    wanted = {*needs}.union(*(STAGES[name].builds_on or () for name in needs))
+    return [stage for name, stage in STAGES.items() if name in wanted]
 
 
 def make_part(part: Part[MaterialPlan]) -> None:

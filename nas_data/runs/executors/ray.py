@@ -1,15 +1,14 @@
-"""Trials on a Ray cluster, one task of one core each; RAY_ADDRESS names the cluster, else one is started here."""
+"""Jobs on a Ray cluster, one task of one core each; RAY_ADDRESS names the cluster, else one is started here."""
 
 import logging
 import os
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
-from functools import partial
 from pathlib import Path
 from typing import TypeVar, cast
 
 from nas_data.errors import MissingPackage, WorkerLost
-from nas_data.runs.parallel import run_jobs
+from nas_data.runs.parallel import Workers
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -53,11 +52,11 @@ class RayPool(Executor):
             self._ray.shutdown()
 
 
-run = partial(run_jobs, pool=RayPool)
+EXECUTOR = Workers(pool=RayPool)
 
 
 def run_in(function: Callable[[Job], Result], job: Job, folder: str) -> Result:
-    """Run a job in the folder where the sweep was started.
+    """Run a job in the folder where the command was started.
 
     Raises:
         WorkerLost: this machine has no such folder.
@@ -66,7 +65,7 @@ def run_in(function: Callable[[Job], Result], job: Job, folder: str) -> Result:
         os.chdir(folder)
     except OSError:
         raise WorkerLost(
-            f"A machine of the cluster has no folder {folder}; start the sweep in one that all machines share."
+            f"A machine of the cluster has no folder {folder}; start the command in one that all machines share."
         ) from None
     return function(job)
 
@@ -82,4 +81,4 @@ def settle(future: "Future[Result]", ended: "Future[Result]") -> None:
         future.set_exception(error.cause)
     else:
         reason = str(error).strip().splitlines()[0].rstrip(".")
-        future.set_exception(WorkerLost(f"Ray lost a trial ({reason}); finished work is kept: run it again."))
+        future.set_exception(WorkerLost(f"Ray lost a job ({reason}); finished work is kept: run it again."))

@@ -1,0 +1,5 @@
+"""Jobs on this machine: processes of one thread each; with one worker, this process."""
+
+from nas_data.runs.parallel import Workers
+
+EXECUTOR = Workers()

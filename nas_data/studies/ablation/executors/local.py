@@ -1,5 +1,0 @@
-"""Trials on this machine: processes of one thread each; with one worker, this process."""
-
-from nas_data.runs.parallel import run_jobs
-
-run = run_jobs
