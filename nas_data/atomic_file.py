@@ -2,6 +2,7 @@
 
 import os
 import re
+import secrets
 from pathlib import Path
 
 
@@ -13,6 +14,6 @@ def make_file_name(name: str) -> str:
 def write_atomic(path: Path, content: bytes) -> None:
     """Write a hidden temporary file in the same folder, then rename it."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    partial = path.with_name(f".{path.name}.{os.getpid()}-{secrets.token_hex(4)}.partial")  # also of other machines
     partial.write_bytes(content)
     partial.replace(path)

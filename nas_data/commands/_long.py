@@ -46,7 +46,7 @@ class LongCommand(Command):
             )
         if not out.exists():
             raise OptionError(
-                f"There is no run in {out} to join; begin it there with --executor folder, or correct --out."
+                f"There is no run in {out} to join; begin it with --executor folder, and give --join elsewhere."
             )
         return find_workers("folder", self.workers)
 

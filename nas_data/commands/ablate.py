@@ -64,7 +64,7 @@ class Ablate(TakesModel, LongCommand):
     quick: bool = False
     """Small networks and short trainings: a trial run in minutes."""
     retry: bool = False
-    """Run failed trials again."""
+    """Run failed trials again; --join leaves this to the process that began the run."""
     out: Path = Path("runs/ablation")
     """Folder of the trials' results, ablation.json, ablation.md and ablation.png."""
 
@@ -81,9 +81,10 @@ class Ablate(TakesModel, LongCommand):
         trials = plan.trials(content, self.out)
         if self.dry_run:
             check_same(self.out, plan.identity(content))
-            return self.list_jobs([plan_trial(trial, self.retry) for trial in trials])
+            dataset = plan.material.read()
+            return self.list_jobs([plan_trial(trial, dataset, self.retry) for trial in trials])
         begin_sweep(self.out, plan.identity(content))
-        results = run_sweep(trials, workers, self.retry, say)
+        results = run_sweep(trials, workers, self.retry and not self.join, say)
         found = summary.SweepSummary.of([(trial.config, result) for trial, result in zip(trials, results, strict=True)])
         more: dict[str, object] = {
             "sweep": {**plan.identity(content), "effects": content.effects},

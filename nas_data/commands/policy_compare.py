@@ -52,8 +52,8 @@ class PolicyCompare(LongCommand):
 
         from nas_data.atomic_file import write_atomic
         from nas_data.envs.loop.dynamics_spec import DynamicsSpec
-        from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, check_study, compare
-        from nas_data.policies.dry_run import plan_study
+        from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare, list_runs
+        from nas_data.policies.dry_run import plan_runs
         from nas_data.typed_json import make_finite
 
         for option, value in (("--frames", self.frames), ("--episodes", self.episodes)):
@@ -77,8 +77,7 @@ class PolicyCompare(LongCommand):
         study = Study(target, methods, self.seed, self.frames, self.episodes)
         workers = self.find_workers(self.out)
         if self.dry_run:
-            check_study(study)
-            return self.list_jobs(plan_study(study, self.out))
+            return self.list_jobs(plan_runs(list_runs(study, self.out)))
         found = compare(study, self.out, workers)
         result = self.out / "comparison.json"
         write_atomic(result, json.dumps(make_finite(found.describe()), indent=1, allow_nan=False).encode())

@@ -141,23 +141,7 @@ def compare(
         OutputExists: the folder holds a run of another study, or one by other code, under the same name; or another
             process works in it, and the workers are not shared.
     """
-    check_study(study)  # before any long run
-    runs = [
-        Run(
-            method=method,
-            training=PolicyTraining(study.methods[method], seed, study.frames, study.hyperparameters),
-            target=study.target,
-            episodes=study.episodes,
-            folder=folder / method / f"seed{seed}",
-            quiet=quiet or workers.count > 1,
-            dataset=study.dataset,
-        )
-        for seed in study.seeds
-        for method in study.trained
-    ]
-    for run in runs:
-        if read_finished(run) is None:
-            check_folder(run.folder, run.training)  # before any work is done
+    runs = list_runs(study, folder, quiet or workers.one_core)
     results: dict[tuple[str, int], PolicyResult] = {}
     locks = list_locks(folder, [f"{run.method}/seed{run.training.seed}" for run in runs])
     for number, result in run_jobs(do_run, runs, workers, locks=locks):
@@ -170,14 +154,31 @@ def compare(
     return Comparison(study=study, folder=folder, results=results)
 
 
-def check_study(study: Study) -> None:
-    """Refuse a comparison that cannot be run; raises as `compare` does."""
+def list_runs(study: Study, folder: Path, quiet: bool = True) -> list[Run]:
+    """Check a comparison before any long run, and return its runs; arguments and errors are those of `compare`."""
     if not study.methods or not study.seeds:
         raise OptionError("A comparison needs at least one method and one seed.")
     if min(study.seeds) < 0:
         raise OptionError(f"--seed {min(study.seeds)} is negative; seeds must be 0 or more.")
     for plant in (study.target, *study.methods.values()):
         plant.check()
+    runs = [
+        Run(
+            method=method,
+            training=PolicyTraining(study.methods[method], seed, study.frames, study.hyperparameters),
+            target=study.target,
+            episodes=study.episodes,
+            folder=folder / method / f"seed{seed}",
+            quiet=quiet,
+            dataset=study.dataset,
+        )
+        for seed in study.seeds
+        for method in study.trained
+    ]
+    for run in runs:
+        if read_finished(run) is None:
+            check_folder(run.folder, run.training)
+    return runs
 
 
 @dataclass(frozen=True)

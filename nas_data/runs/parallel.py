@@ -1,5 +1,6 @@
 """Parallel jobs: calls of one function with one argument each, in single-threaded processes."""
 
+import contextlib
 import multiprocessing
 import os
 import signal
@@ -8,14 +9,16 @@ import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import nullcontext
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TypeVar
 
 from nas_data.count_of import count_of
 from nas_data.errors import JobsFailed, NasError, WorkerLost
 from nas_data.log import logger, show
-from nas_data.runs.job_locks import JobLocks
+from nas_data.runs.job_locks import JobLocks, check_free, find_run, hold_run
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -39,6 +42,11 @@ class Workers:
     pool: Pool | None = None
     shared: bool = False
 
+    @property
+    def one_core(self) -> bool:
+        """Whether a job has one core, because other jobs run beside it."""
+        return self.count > 1 or self.pool is not None or self.shared
+
 
 ONE_WORKER = Workers()
 
@@ -46,7 +54,7 @@ ONE_WORKER = Workers()
 def run_jobs(
     function: Callable[[Job], Result],
     jobs: Sequence[Job],
-    workers: Workers = Workers(),  # immutable
+    workers: Workers = ONE_WORKER,
     after: Mapping[int, Collection[int]] | None = None,
     locks: Sequence[Path] = (),
 ) -> Iterator[tuple[int, Result]]:
@@ -58,27 +66,33 @@ def run_jobs(
         jobs: Arguments; the first runnable jobs start first.
         workers: Where they run.
         after: Numbers of the earlier jobs that each job depends on; it is skipped if one of them fails.
-        locks: Lock file of each job, so that no job is done by two processes at a time; none for jobs that store
-            nothing.
+        locks: Lock file of each job, all in one run, so that no job is done by two processes at a time; none for jobs
+            that store nothing.
 
     Raises:
-        OutputExists: another process does one of the jobs, and the workers are not shared.
+        OutputExists: another process works in the run, and it or this one is not shared.
         JobsFailed: several jobs failed; raised after all others have finished.
         WorkerLost: the system killed a worker, usually for lack of memory.
         Exception: the error of a single failed job.
     """
     failed: dict[int, Exception] = {}
     done = 0
+    run = hold_run(find_run(locks[0]), workers.shared) if locks else nullcontext()
     try:
-        for number, future in run_all(function, jobs, workers, after or {}, JobLocks(locks, workers.shared)):
-            error = future.exception()
-            if isinstance(error, BrokenProcessPool):
-                raise error
-            if isinstance(error, Exception):
-                failed[number] = error  # raised below, after all other jobs
-            else:
-                done += 1
-                yield number, future.result()
+        with run:
+            if not workers.shared:
+                check_free(locks)
+            for number, future in run_all(
+                function, jobs, workers, after or {}, JobLocks(locks if workers.shared else ())
+            ):
+                error = future.exception()
+                if isinstance(error, BrokenProcessPool):
+                    raise error
+                if isinstance(error, Exception):
+                    failed[number] = error  # raised below, after all other jobs
+                else:
+                    done += 1
+                    yield number, future.result()
     except BrokenProcessPool:
         raise WorkerLost(
             "A worker process was killed, perhaps because memory ran out; finished work is kept: run the "
@@ -111,10 +125,11 @@ def run_all(
     done: set[int] = set()
     waiting = list(range(len(jobs)))
     running: dict[Future[Result], int] = {}
-    executor = (workers.pool or (make_process_pool if count > 1 else Here))(count)
+    executor = (workers.pool or (ProcessPool if count > 1 else ThisProcess))(count)
+    said: list[int] = []
     try:
         while True:
-            taken_elsewhere = False
+            elsewhere = []  # jobs that other processes do
             for number in [number for number in waiting if done.issuperset(after.get(number, ()))]:
                 if len(running) == count:
                     break
@@ -122,21 +137,24 @@ def run_all(
                     waiting.remove(number)
                     running[executor.submit(function, jobs[number])] = number
                 else:
-                    taken_elsewhere = True
-            if not running and not taken_elsewhere:
-                return
+                    elsewhere.append(number)
             if not running:
+                if not elsewhere:
+                    return
+                if elsewhere != said:
+                    logger.info(f"waiting for {count_of(len(elsewhere), 'job')}: {locks.describe(elsewhere)}")
+                    said = elsewhere
                 time.sleep(PAUSE)
                 continue
-            ended, _ = wait(running, PAUSE if taken_elsewhere else None, FIRST_COMPLETED)
+            ended, _ = wait(running, PAUSE if elsewhere else None, FIRST_COMPLETED)
             for future in ended:
                 number = running.pop(future)
                 locks.release(number)
                 done.update([number] if future.exception() is None else [])
                 yield number, future
     finally:
+        executor.shutdown(wait=bool(running), cancel_futures=True)
         locks.release_all()
-        executor.shutdown(wait=False, cancel_futures=True)
 
 
 def count_cores() -> int:
@@ -146,13 +164,23 @@ def count_cores() -> int:
     return os.cpu_count() or 1  # macOS has no affinity of processes
 
 
-def make_process_pool(workers: int) -> Executor:
-    """Return a pool of single-threaded processes."""
-    context = multiprocessing.get_context("spawn")  # a fork would inherit locks of torch's and MuJoCo's threads
-    return ProcessPoolExecutor(workers, mp_context=context, initializer=prepare_worker, initargs=(logger.level,))
+class ProcessPool(ProcessPoolExecutor):
+    """A pool of single-threaded processes, which ends running jobs when it is shut down."""
+
+    def __init__(self, count: int) -> None:
+        """Start the pool."""
+        context = multiprocessing.get_context("spawn")  # a fork would inherit locks of torch's and MuJoCo's threads
+        end, self._open = context.Pipe(duplex=False)
+        arguments = (logger.level, end)
+        super().__init__(count, mp_context=context, initializer=prepare_worker, initargs=arguments)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the processes at once."""
+        self._open.close()
+        super().shutdown(wait=wait, cancel_futures=cancel_futures)
 
 
-class Here(Executor):
+class ThisProcess(Executor):
     """This process behind Python's interface of executors: a job is done when it is submitted."""
 
     def __init__(self, count: int) -> None:
@@ -168,17 +196,21 @@ class Here(Executor):
         return future
 
 
-def prepare_worker(level: int) -> None:
-    """Limit a worker to one thread, show its log from a level, and end it at an interrupt or when its parent dies."""
+def prepare_worker(level: int, end: Connection) -> None:
+    """Limit a worker to one thread, show its log from a level, and end it at an interrupt or with its pool.
+
+    Args:
+        level: Level of the log.
+        end: Connection whose other end is closed when the pool ends, or by the system when its process does.
+    """
     show(level)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     os.environ["OMP_NUM_THREADS"] = "1"
-    threading.Thread(target=die_with_parent, daemon=True).start()
+    threading.Thread(target=die_with_pool, args=(end,), daemon=True).start()
 
 
-def die_with_parent() -> None:
-    """End this process when its parent has ended, which an idle worker would not notice."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
+def die_with_pool(end: Connection) -> None:
+    """End this process when its pool has ended, which an idle worker would not notice."""
+    with contextlib.suppress(OSError):
+        end.poll(None)
+    os._exit(1)

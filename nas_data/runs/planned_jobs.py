@@ -13,16 +13,16 @@ class PlannedJob:
     """A job of a long command."""
 
     name: str
-    kind: str  # jobs of one kind are equally much slower or faster than their rough times
+    kind: str  # true and rough time have about the same ratio for all jobs of a kind
     rough: float  # rough time on one core of a desktop computer [s]
-    took: float | None = None  # time that it took [s]; None if it is not done
+    took: float | None = None  # time that it took [s]; 0 if it failed, None if it is not done
 
 
 def estimate_seconds(job: PlannedJob, jobs: Sequence[PlannedJob]) -> float:
     """Return the expected time of a job [s], corrected by the finished jobs of its kind, or of all kinds."""
     if job.took is not None:
         return job.took
-    finished = [other for other in jobs if other.took is not None]
+    finished = [other for other in jobs if other.took]
     alike = [other for other in finished if other.kind == job.kind] or finished
     known = sum(other.rough for other in alike)
     return job.rough * sum(other.took or 0.0 for other in alike) / known if known else job.rough

@@ -13,7 +13,7 @@ from nas_data.atomic_file import write_atomic
 from nas_data.dataset.provenance import format_current_time
 from nas_data.errors import OutputExists
 from nas_data.runs.environment_info import find_commit
-from nas_data.runs.job_locks import list_locks
+from nas_data.runs.job_locks import hold_run, list_locks
 from nas_data.runs.parallel import Workers, run_jobs
 from nas_data.runs.progress import Report, say
 from nas_data.visible_files import list_visible_files
@@ -92,19 +92,20 @@ def run_stages(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> dict[str, Don
     Raises:
         OutputExists: the folder holds something else, or the same work with another plan or by other code.
     """
-    missing = begin(stages, work)
     results: dict[str, Done] = {}
-    for number, stage in enumerate(stages, start=1):
-        head = f"[{number}/{len(stages)}] {stage.title}"
-        if stage.name in missing:
-            work.report(format_introduction(head, stage))
-            done = do(stage, work)
-            for line in (*done.said, f"took {done.seconds:.0f} s"):
-                work.report(f"{INDENT}{line}".rstrip())
-        else:
-            done = read_stage(stage.name, work.folder)
-            work.report(f"{head}: {describe_kept(done)}")
-        results[stage.name] = done
+    with hold_run(work.folder):
+        missing = begin(stages, work)
+        for number, stage in enumerate(stages, start=1):
+            head = f"[{number}/{len(stages)}] {stage.title}"
+            if stage.name in missing:
+                work.report(format_introduction(head, stage))
+                done = do(stage, work)
+                for line in (*done.said, f"took {done.seconds:.0f} s"):
+                    work.report(f"{INDENT}{line}".rstrip())
+            else:
+                done = read_stage(stage.name, work.folder)
+                work.report(f"{head}: {describe_kept(done)}")
+            results[stage.name] = done
     return results
 
 
@@ -114,15 +115,27 @@ def begin(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> set[str]:
     Raises:
         OutputExists: the folder holds something else, or the same work with another plan or by other code.
     """
-    claim(work)
+    missing = list_missing(stages, work)
+    if not (work.folder / PLAN).is_file():
+        write_atomic(work.folder / PLAN, (json.dumps(work.plan.describe(), indent=1) + "\n").encode())
+    for name in (name for name, is_outdated in missing.items() if is_outdated):
+        find_result(name, work.folder).unlink(missing_ok=True)
+    return set(missing)
+
+
+def list_missing(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> dict[str, bool]:
+    """Return the names of the stages to run, and whether each has an outdated result; raises as `begin` does.
+
+    A repeated stage makes the stages that depend on it outdated.
+    """
+    check_plan(work)
     check_code(stages, work)
-    missing: set[str] = set()  # a repeated stage makes the stages that depend on it outdated
+    missing: dict[str, bool] = {}
     for stage in stages:
-        behind = missing if stage.builds_on is None else missing & set(stage.builds_on)
-        if behind:
-            find_result(stage.name, work.folder).unlink(missing_ok=True)
-        if behind or read_done(stage, work.folder) is None:
-            missing.add(stage.name)
+        behind = missing.keys() if stage.builds_on is None else missing.keys() & set(stage.builds_on)
+        is_done = read_done(stage, work.folder) is not None
+        if behind or not is_done:
+            missing[stage.name] = is_done
     return missing
 
 
@@ -136,15 +149,15 @@ def describe_kept(done: Done) -> str:
     return f"done before, in {done.seconds:.0f} s; kept"
 
 
-def claim(work: Work[Plan]) -> None:
-    """Claim the folder for this plan.
+def check_plan(work: Work[Plan]) -> None:
+    """Refuse a folder of something else.
 
     Raises:
         OutputExists: it holds something else, or the same work with another plan.
     """
     path = work.folder / PLAN
-    plan = json.loads(json.dumps(work.plan.describe()))
     if path.is_file():
+        plan = json.loads(json.dumps(work.plan.describe()))
         try:
             held = json.loads(path.read_text(encoding="utf-8"))
         except ValueError:
@@ -155,10 +168,8 @@ def claim(work: Work[Plan]) -> None:
                 f"{work.folder} holds a {work.name} that differs in {', '.join(different)}; "
                 "remove it or choose another --out."
             )
-    elif work.folder.exists() and (not work.folder.is_dir() or list_visible_files(work.folder, "*")):
+    elif work.folder.exists() and (not work.folder.is_dir() or list_visible_files(work.folder)):
         raise OutputExists(f"{work.folder} exists and is not a {work.name}; choose another --out.")
-    else:
-        write_atomic(path, (json.dumps(plan, indent=1) + "\n").encode())
 
 
 def check_code(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> None:
@@ -230,6 +241,7 @@ class Part(Generic[Plan]):
     plan: Plan  # plan of the work
     folder: Path  # folder of all results
     name: str  # name in messages
+    threads: int | None  # simulation threads; None for all cores
 
 
 def run_side_by_side(
@@ -247,17 +259,18 @@ def run_side_by_side(
         OutputExists: the folder holds something else, or the same work with another plan or by other code.
         JobsFailed: several stages failed; all others are finished except those that depend on them.
     """
-    missing = begin(stages, work)
-    if len(missing) < 2 and not workers.shared:
-        run_stages(stages, work)
-        return
-    for stage in stages:
-        if stage.name not in missing:
-            work.report(f"{stage.title}: {describe_kept(read_stage(stage.name, work.folder))}")
-    parts = [Part(stage.name, work.plan, work.folder, work.name) for stage in stages if stage.name in missing]
-    after = find_prerequisites([stage for stage in stages if stage.name in missing])
-    for _ in run_jobs(do_one, parts, workers, after, list_locks(work.folder, [part.stage for part in parts])):
-        pass
+    with hold_run(work.folder, workers.shared):
+        missing = begin(stages, work)
+        waiting = [stage for stage in stages if stage.name in missing]
+        for stage in stages:
+            if stage not in waiting:
+                work.report(f"{stage.title}: {describe_kept(read_stage(stage.name, work.folder))}")
+        parts = [
+            Part(stage.name, work.plan, work.folder, work.name, 1 if workers.one_core else None) for stage in waiting
+        ]
+        locks = list_locks(work.folder, [stage.name for stage in waiting])
+        for _ in run_jobs(do_one, parts, workers, find_prerequisites(waiting), locks):
+            pass
 
 
 def find_prerequisites(stages: Sequence[Stage[Plan]]) -> Mapping[int, Sequence[int]]:
@@ -273,13 +286,17 @@ def find_prerequisites(stages: Sequence[Stage[Plan]]) -> Mapping[int, Sequence[i
 
 
 def do_part(stage: Stage[Plan], part: Part[Plan]) -> None:
-    """Run a stage with one thread; print its title and result on stderr, each with its name.
+    """Run a stage; print its title and result on stderr, each with its name.
 
     A stage that another process has done meanwhile is kept.
+
+    Raises:
+        OutputExists: that process has other code.
     """
+    work = Work(part.plan, part.folder, say, part.name, part.threads)
     if read_done(stage, part.folder) is not None:
+        check_code([stage], work)
         return
-    work = Work(part.plan, part.folder, say, part.name, threads=1)
     work.report(format_introduction(stage.title, stage))
     done = do(stage, work)
     lines = [f"{stage.title}: took {done.seconds:.0f} s", *(f"{INDENT}{line}" for line in done.said)]

@@ -1,16 +1,25 @@
 """Jobs that several processes share over lock files, and the list of jobs before they run."""
 
+import errno
+import logging
+import os
+import signal
+import socket
+import subprocess
+import sys
 import threading
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from support.command_samples import done
+from support.stage_samples import write_and_wait
 
 from nas_data.errors import OptionError, OutputExists, UnknownName
 from nas_data.runs import parallel
 from nas_data.runs.executors import find_workers
-from nas_data.runs.job_locks import JobLocks, list_locks
+from nas_data.runs.job_locks import JobLocks, hold_run, list_locks
 from nas_data.runs.parallel import ONE_WORKER, run_jobs
 from nas_data.runs.planned_jobs import PlannedJob, describe_jobs, estimate_seconds, format_jobs
 
@@ -24,37 +33,73 @@ def locks(tmp_path) -> list[Path]:
 
 def test_a_job_that_another_process_does_is_done_last_and_waited_for(locks, monkeypatch):
     monkeypatch.setattr(parallel, "PAUSE", 0.01)
-    (other := JobLocks(locks, shared=True)).take(0)
+    (other := JobLocks(locks)).take(0)
     jobs = run_jobs(abs, [-1, -2, -3], SHARED, locks=locks)
     assert [next(jobs), next(jobs)] == [(1, 2), (2, 3)]
     ended: list[tuple[int, int]] = []
-    waiting = threading.Thread(target=lambda: ended.extend(jobs))
-    waiting.start()
-    time.sleep(0.2)
-    assert not ended
-    other.release_all()
-    waiting.join(10)
+    with listening() as said:
+        waiting = threading.Thread(target=lambda: ended.extend(jobs))
+        waiting.start()
+        time.sleep(0.2)
+        assert not ended
+        other.release_all()
+        waiting.join(10)
     assert ended == [(0, 1)]
+    assert said == [f"waiting for 1 job: a/seed0 (process {os.getpid()} on {socket.gethostname()})"]
+
+
+@contextmanager
+def listening():
+    """Collect what is logged."""
+    said: list[str] = []
+    handler = logging.Handler()
+    handler.emit = lambda record: said.append(record.getMessage())
+    parallel.logger.addHandler(handler)
+    yield said
+    parallel.logger.removeHandler(handler)
 
 
 def test_what_builds_on_a_job_of_another_process_waits_for_it(locks, monkeypatch):
     monkeypatch.setattr(parallel, "PAUSE", 0.01)
-    (other := JobLocks(locks, shared=True)).take(0)
+    (other := JobLocks(locks)).take(0)
     jobs = run_jobs(abs, [-1, -2, -3], SHARED, {1: [0]}, locks)
     assert next(jobs) == (2, 3)
     other.release_all()
     assert list(jobs) == [(0, 1), (1, 2)]
 
 
-def test_a_job_of_another_process_ends_a_run_that_is_not_shared(locks, tmp_path):
-    (other := JobLocks(locks, shared=False)).take(1)
-    found = []
-    with pytest.raises(OutputExists, match=rf"Another process works in {tmp_path}; wait for it") as refused:
-        found.extend(run_jobs(abs, [-1, -2, -3], ONE_WORKER, locks=locks))
-    assert "--executor folder in both" in str(refused.value)
+def test_a_process_works_alone_or_shares(locks, tmp_path):
+    """Whoever comes later is refused, before it does anything."""
+    numbers = [-1, -2, -3]
+    (other := JobLocks(locks)).take(1)
+    with pytest.raises(OutputExists, match=rf"Another process works in {tmp_path} \(process .*; join it with --join"):
+        next(run_jobs(abs, numbers, ONE_WORKER, locks=locks))
     other.release_all()
-    assert len(list(run_jobs(abs, [-1, -2, -3], ONE_WORKER, locks=locks))) == 3
-    assert not list(tmp_path.iterdir()), "no lock file remains"
+    alone = run_jobs(abs, numbers, ONE_WORKER, locks=locks)
+    next(alone)
+    assert "begun without --executor folder" in share_elsewhere(tmp_path)
+    assert list(alone) == [(1, 2), (2, 3)]
+    assert [file.name for file in tmp_path.rglob("*.lock")] == ["seed1.lock"], "that of the shared run"
+
+
+def share_elsewhere(folder: Path) -> str:
+    """Return what another process is told that would share a run."""
+    code = f"""
+from pathlib import Path
+from nas_data.runs.job_locks import hold_run
+with hold_run(Path({str(folder)!r}), shared=True):
+    pass
+"""
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False).stderr
+
+
+def test_a_run_may_be_held_in_itself(tmp_path):
+    with hold_run(tmp_path):
+        with hold_run(tmp_path):
+            pass
+        assert "OutputExists" in share_elsewhere(tmp_path)
+    assert not list(tmp_path.iterdir())
+    assert share_elsewhere(tmp_path) == ""
 
 
 @pytest.mark.parametrize("jobs", [["1", "one", "3"], ["1", "2", "3"]])
@@ -63,16 +108,43 @@ def test_no_job_stays_locked_after_a_run(locks, jobs):
         list(run_jobs(int, jobs, SHARED, locks=locks))
     except ValueError:
         assert "one" in jobs
-    other = JobLocks(locks, shared=True)
+    other = JobLocks(locks)
     assert all(other.take(number) for number in range(3))
     other.release_all()
 
 
-def test_a_disk_without_locks_serves_one_process_only(locks, monkeypatch):
-    def refuse(*_, **__):
-        raise NotImplementedError("no flock")
+def test_running_jobs_end_before_they_are_released(tmp_path):
+    """An interrupt of this process only: its workers must not go on beside those who take the jobs over."""
+    folder = tmp_path / "run"
+    shared = find_workers("folder", 2)
+    jobs = run_jobs(write_and_wait, [(tmp_path, name) for name in "abc"], shared, locks=list_locks(folder, "abc"))
+    with pytest.raises(KeyboardInterrupt):
+        interrupt(jobs, lambda: (tmp_path / "a").exists() and (tmp_path / "b").exists())
+    ids = [int((tmp_path / name).read_text()) for name in "ab"]
+    assert not any(Path(f"/proc/{pid}").exists() for pid in ids)
+    assert not (tmp_path / "c").exists()
 
-    monkeypatch.setattr("nas_data.runs.job_locks.FileLock.acquire", refuse)
+
+def interrupt(jobs, is_begun) -> None:
+    """Interrupt this thread while it waits for jobs."""
+
+    def send() -> None:
+        while not is_begun():
+            time.sleep(0.05)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=send).start()
+    next(jobs)
+
+
+@pytest.mark.parametrize("number", [errno.ENOSYS, errno.ENOLCK])
+def test_a_disk_without_locks_serves_one_process_only(locks, monkeypatch, number):
+    """Such as Lustre that is mounted without flock."""
+
+    def refuse(*_):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr("fcntl.flock", refuse)
     assert dict(run_jobs(abs, [-1, -2, -3], ONE_WORKER, locks=locks)) == {0: 1, 1: 2, 2: 3}
     with pytest.raises(OptionError, match="--executor folder needs file locks, which the disk of"):
         list(run_jobs(abs, [-1, -2, -3], SHARED, locks=locks))

@@ -9,10 +9,10 @@ from safetensors.numpy import load_file
 from support.experiment_samples import tiny
 from support.stage_samples import ALL, Plan, do_one, staged
 
-from nas_data.errors import SimulationDiverged
+from nas_data.errors import OutputExists, SimulationDiverged
 from nas_data.runs.parallel import Workers
 from nas_data.runs.stages import STAGES as NOTES
-from nas_data.runs.stages import Work, find_prerequisites, read_stage, run_side_by_side
+from nas_data.runs.stages import Part, Work, do_part, find_prerequisites, read_stage, run_side_by_side
 from nas_data.studies.experiments.pipeline.artifacts import PHI, PSI
 
 
@@ -37,14 +37,21 @@ def test_what_was_done_is_kept_and_what_was_lost_is_done_again_with_what_builds_
     folder = tmp_path / "work"
     go(folder, Plan())
     before = times(folder)
-    assert [line.split(": done before")[0] for line in go(folder, Plan())] == [
-        f"[{number}/4] Stage {name}" for number, name in enumerate(ALL, start=1)
-    ]
+    assert [line.split(": done before")[0] for line in go(folder, Plan())] == [f"Stage {name}" for name in ALL]
     assert times(folder) == before
     (folder / "left").unlink()
     assert [line.split(":")[0] for line in go(folder, Plan())] == ["Stage root", "Stage right"]
     changed = {path.name for path, when in times(folder).items() if before[path] != when}
     assert changed == {"left", "on_left", "left.begun", "on_left.begun", "left.json", "on_left.json"}
+
+
+def test_a_stage_that_another_process_did_by_other_code_is_refused(tmp_path):
+    stage = replace(ALL["root"], code=lambda _: "ours")
+    part = Part("root", Plan(), tmp_path, "work", None)
+    do_part(stage, part)
+    do_part(replace(stage, work=None), part)
+    with pytest.raises(OutputExists, match=r"'Stage root' in .* was made by another version of nas_data"):
+        do_part(replace(stage, code=lambda _: "theirs"), part)
 
 
 def times(folder: Path) -> dict[Path, int]:

@@ -185,7 +185,7 @@ def test_no_trial_is_done_twice_and_a_sweep_can_grow(place, tmp_path, monkeypatc
     asked = []
 
     def counting(function, jobs, workers, locks):
-        asked.append([job.key for job in jobs])
+        asked.append([trial.key for trial, _ in jobs])
         return run_jobs(function, jobs, workers, locks=locks)
 
     monkeypatch.setattr(sweeping, "run_jobs", counting)
@@ -307,7 +307,7 @@ def test_a_fault_of_ours_ends_one_trial_and_keeps_its_traceback(place, tmp_path,
         (("--seeds", "one"), "--seeds are one"),
         (("--held-out", "1.5"), "--held-out is 1.5"),
         (("--workers", "0"), "--workers is 0"),
-        (("--join",), "There is no run in runs/ablation to join; begin it there with --executor folder"),
+        (("--join",), "There is no run in runs/ablation to join; begin it with --executor folder"),
         (("--join", "--executor", "ray"), "--join joins a run of --executor folder, not of ray"),
         (("--test", "."), "There is no dataset at"),
         (("--model", "ergojr"), "pendulum"),
@@ -351,9 +351,12 @@ def test_a_folder_of_another_sweep_or_of_anything_else_is_refused(place, here):
 
 def test_a_lone_process_does_not_do_the_trial_of_another(place, tmp_path):
     swept = planned(place, tmp_path, kinds=("forward",))
-    (other := JobLocks(list_locks(tmp_path, [swept[0].key]), shared=False)).take(0)
-    with pytest.raises(OutputExists, match=r"Another process works in .*; wait for it, choose another --out, or join"):
+    (other := JobLocks(list_locks(tmp_path, [swept[2].key]))).take(0)
+    with pytest.raises(
+        OutputExists, match=r"Another process works in .*; join it with --join, or choose another --out"
+    ):
         run_sweep(swept, ONE_WORKER, False, silent)
+    assert not answers(tmp_path), "before any trial is done"
     other.release_all()
     assert len(run_sweep(swept, ONE_WORKER, False, silent)) == 3
 
@@ -364,8 +367,9 @@ def test_a_trial_that_another_process_did_meanwhile_is_read(place, tmp_path, mon
     monkeypatch.setattr(sweeping, "run_jobs", lambda do, jobs, *_, **__: ((n, do(j)) for n, j in enumerate(jobs)))
     first = run_sweep(swept, ONE_WORKER, False, silent)
     monkeypatch.setattr(sweeping, "do_trial", None)
-    found = [sweeping.do_unfinished(trial) for trial in swept]
-    assert found == first
+    assert [sweeping.do_unfinished((trial, None)) for trial in swept] == first
+    with pytest.raises(TypeError):
+        sweeping.do_unfinished((swept[0], first[0]))
 
 
 def test_jobs_are_listed_with_their_times_and_none_is_run(place, here):

@@ -1,7 +1,9 @@
 """Stages that wait for each other or fail, where worker processes find them."""
 
+import os
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 from nas_data.errors import SimulationDiverged
 from nas_data.runs.stages import Part, Stage, StageResult, Work, do_part
@@ -49,3 +51,10 @@ ALL = {
 
 def do_one(part: Part[Plan]) -> None:
     do_part(ALL[part.stage], part)
+
+
+def write_and_wait(job: tuple[Path, str]) -> None:
+    """Write this process's number to a file, and work for long."""
+    folder, name = job
+    (folder / name).write_text(str(os.getpid()))
+    time.sleep(100)

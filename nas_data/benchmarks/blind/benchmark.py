@@ -99,15 +99,15 @@ class CaseJob:
         """File of the result."""
         return self.out / RESULTS / f"{self.identity.name}.json"
 
-    def read(self) -> CaseRecord | None:
-        """Return the stored record; None if results are missing."""
-        record = CaseRecord.read(self.path)
-        return record if record is not None and self.runner.is_done(record) else None
-
 
 def do_case(job: CaseJob) -> CaseRecord:
-    """Run a case and store its record, unless that is done."""
+    """Run a case and store its record, unless another process has done it meanwhile.
+
+    Raises:
+        OutputExists: that process has other code.
+    """
     record = CaseRecord.read(job.path)
+    check_code({job.identity: record} if record else {}, job.out)
     if record is not None and job.runner.is_done(record):
         return record
     with on_one_core() if job.one_core else nullcontext():
@@ -122,10 +122,10 @@ def run_cases(
     workers: Workers = ONE_WORKER,
 ) -> list[CaseRecord]:
     """Run the unfinished ones of some cases and return the records of all; arguments as for `run`."""
-    jobs = [CaseJob(identity, runner, out, workers.count > 1) for identity in identities]
+    jobs = [CaseJob(identity, runner, out, workers.one_core) for identity in identities]
     known = {job.identity: record for job in jobs if (record := CaseRecord.read(job.path)) is not None}
     check_code(known, out)
-    records = {job.identity: record for job in jobs if (record := job.read()) is not None}
+    records = {identity: record for identity, record in known.items() if runner.is_done(record)}
     waiting = [job for job in jobs if job.identity not in records]
     began = time.monotonic()
     locks = list_locks(out, [job.identity.name for job in waiting])

@@ -1,5 +1,5 @@
 """Jobs on this machine: processes of one thread each; with one worker, this process."""
 
-from nas_data.runs.parallel import Workers
+from nas_data.runs.parallel import ONE_WORKER
 
-EXECUTOR = Workers()
+EXECUTOR = ONE_WORKER

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -19,7 +20,7 @@ from nas_data.dataset.versions import check_paired
 from nas_data.errors import DatasetInvalid, JointMismatch, ModelFileError, OptionError, OutputExists
 from nas_data.models.presets import TrainingOptions
 from nas_data.pairing import check_fits, check_source
-from nas_data.runs.job_locks import LOCKS, list_locks
+from nas_data.runs.job_locks import list_locks
 from nas_data.runs.parallel import Workers, run_jobs
 from nas_data.runs.progress import format_duration
 from nas_data.simulators.engines import ENGINES
@@ -84,29 +85,29 @@ def run_sweep(trials: Sequence[Trial], workers: Workers, retry: bool, say: Calla
     Raises:
         OutputExists: another process works in the folder, and the workers are not shared.
     """
-    results = {number: result for number, trial in enumerate(trials) if (result := read_result(trial))}
-    for number in [number for number, result in results.items() if retry and result.failed]:
-        trials[number].path.unlink()
-        del results[number]
+    known = [read_result(trial) for trial in trials]
+    results = {n: result for n, result in enumerate(known) if result is not None and not (retry and result.failed)}
     waiting = [number for number in range(len(trials)) if number not in results]
-    jobs = [trials[number] for number in waiting]
-    progress = SweepProgress([trial.config for trial in jobs], workers.count, len(trials))
+    jobs = [(trials[number], known[number]) for number in waiting]
+    progress = SweepProgress([trial.config for trial, _ in jobs], workers, len(trials))
     if others := count_other_code(trials):
         say(f"{others} of these trials have results of another version of nas_data, which are kept but not used")
     say(progress.begin(sum(result.failed is not None for result in results.values())))
-    locks = list_locks(trials[0].folder, [trial.key for trial in jobs]) if jobs else ()
+    locks = list_locks(trials[0].folder, [trial.key for trial, _ in jobs]) if jobs else ()
     for index, result in run_jobs(do_unfinished, jobs, workers, locks=locks):
         results[waiting[index]] = result
-        say(progress.describe(jobs[index].config, result))
+        say(progress.describe(jobs[index][0].config, result))
     if not workers.shared:
         with contextlib.suppress(OSError):  # a killed trial of another sweep left something there, or nothing was run
             (trials[0].folder / UNFINISHED).rmdir()
     return [results[number] for number in range(len(trials))]
 
 
-def do_unfinished(trial: Trial) -> TrialResult:
-    """Run a trial unless another process has done it."""
-    return read_result(trial) or do_trial(trial)
+def do_unfinished(job: tuple[Trial, TrialResult | None]) -> TrialResult:
+    """Run a trial, unless another process has done it meanwhile; the job has its failed result that is repeated."""
+    trial, repeated = job
+    result = read_result(trial)
+    return do_trial(trial) if result is None or result == repeated else result
 
 
 def read_result(trial: Trial) -> TrialResult | None:
@@ -149,10 +150,12 @@ def format_question(question: Mapping[str, object]) -> str:
 class SweepProgress:
     """Progress of a sweep: each result as it arrives, and the remaining time."""
 
-    def __init__(self, waiting: Sequence[Config], workers: int, total: int) -> None:
+    def __init__(self, waiting: Sequence[Config], workers: Workers, total: int) -> None:
         """Start with the waiting trials; `total` includes finished ones."""
         self.waiting = list(waiting)
-        self.workers = max(1, min(workers, len(waiting)))
+        self.workers = max(1, min(workers.count, len(waiting)))
+        self.shared = workers.shared
+        self.began = time.monotonic()
         self.total = total
         self.took: dict[str, list[float]] = defaultdict(list)
 
@@ -179,6 +182,9 @@ class SweepProgress:
 
     def left(self) -> float:
         """Return the remaining time [s], estimated from finished trials of each kind."""
+        if self.shared:  # by an unknown number of workers
+            done = sum(map(len, self.took.values()))
+            return (time.monotonic() - self.began) / done * len(self.waiting)
         every = [seconds for took in self.took.values() for seconds in took]
         return sum(float(np.mean(self.took.get(c.kind) or every)) for c in self.waiting) / self.workers
 
@@ -202,8 +208,7 @@ def begin_sweep(folder: Path, identity: Mapping[str, object]) -> None:
 
 def check_same(folder: Path, identity: Mapping[str, object]) -> None:
     """Raise OutputExists if a folder holds another sweep or something else."""
-    entries = {path.name for path in folder.iterdir()} - {LOCKS, UNFINISHED} if folder.is_dir() else set()
-    if not entries and not folder.is_file():
+    if not folder.is_file() and not list_visible_files(folder):
         return
     try:
         held = json.loads((folder / SWEEP).read_text(encoding="utf-8"))

@@ -53,11 +53,14 @@ class Request:
         """Build the required artifacts of an environment; see `make_material`."""
         from nas_data.studies.experiments.pipeline.stages import make_material
 
-        sizes = self.sizes
-        recipe = sizes.recipe(environment, self.dynamics, self.engine)
-        plan = MaterialPlan(recipe, sizes.heldout, sizes.phi(environment), sizes.forward, sizes.named)
         self.report(f"{environment}, dynamics {self.target_text} → {self.home(environment)}")
+        plan = self.plan_material(environment)
         return make_material(plan, self.home(environment) / self.purpose, needs, self.report, self.workers)
+
+    def plan_material(self, environment: str) -> MaterialPlan:
+        """Return the settings of an environment's artifacts."""
+        sizes, recipe = self.sizes, self.sizes.recipe(environment, self.dynamics, self.engine)
+        return MaterialPlan(recipe, sizes.heldout, sizes.phi(environment), sizes.forward, sizes.named)
 
 
 @dataclass(frozen=True)

@@ -130,7 +130,7 @@ def sweep(
             policies=sizes.policies,
             folder=material.folder / "sweep" / str(count) / f"seed{seed}",
             presets=sizes.presets,
-            threads=1 if request.workers.count > 1 else None,
+            threads=1 if request.workers.one_core else None,
         )
         for seed in sizes.seeds
         for count in counts

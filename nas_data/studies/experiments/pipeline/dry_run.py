@@ -1,37 +1,58 @@
 """Jobs of an experiment before it runs."""
 
+import json
 from collections.abc import Sequence
+from pathlib import Path
 
+from nas_data.count_of import count_of
 from nas_data.environment_ids import make_environment_name
 from nas_data.envs.base import find_task_file
+from nas_data.models.run import HISTORY
 from nas_data.policies.dry_run import EVALUATION, POLICY_STEP, plan_policy
 from nas_data.policies.policy import read_result
 from nas_data.runs.planned_jobs import PlannedJob
-from nas_data.runs.stages import read_done
+from nas_data.runs.stages import Work, list_missing, read_stage
 from nas_data.studies.experiments.base import Request
-from nas_data.studies.experiments.pipeline.artifacts import METHODS, NAMES, PHI, PHI_NAMED, PSI, list_needed_stages
+from nas_data.studies.experiments.pipeline.artifacts import (
+    METHODS,
+    NAMES,
+    PHI,
+    PHI_NAMED,
+    PSI,
+    MaterialPlan,
+    list_needed_stages,
+)
+from nas_data.studies.experiments.pipeline.learning import read_record
 from nas_data.studies.experiments.pipeline.sequence import NEEDS
-from nas_data.studies.experiments.pipeline.stages import list_stages
+from nas_data.studies.experiments.pipeline.stages import FOLDER, list_stages
 from nas_data.studies.rough_times import NAMING, RECORDING, estimate_training
+from nas_data.visible_files import list_visible_files
 
 
 def plan_material(request: Request, needs: Sequence[str]) -> list[PlannedJob]:
-    """Return the stages that build the artifacts of every environment as planned jobs."""
+    """Return the stages that build the artifacts of every environment as planned jobs.
+
+    Raises:
+        OutputExists: a folder holds something else, or artifacts of another plan or other code.
+    """
     jobs = []
     for environment in request.environments:
-        folder = request.home(environment) / request.purpose
-        for stage in list_stages(needs):
-            done = read_done(stage, folder)
-            rough = {
-                "record": RECORDING,
-                NAMES: NAMING,
-                PHI: estimate_training(request.sizes.phi(environment)),
-                PHI_NAMED: estimate_training(request.sizes.phi(environment)),
-                PSI: estimate_training(request.sizes.forward),
-            }[stage.name]
+        plan, stages = request.plan_material(environment), list_stages(needs)
+        work = Work(plan, request.home(environment) / request.purpose, request.report, FOLDER)
+        missing = list_missing(stages, work)
+        for stage in stages:
             title = f"{make_environment_name(find_task_file(environment))}: {stage.title[0].lower()}{stage.title[1:]}"
-            jobs.append(PlannedJob(title, stage.name, rough, done.seconds if done else None))
+            took = None if stage.name in missing else read_stage(stage.name, work.folder).seconds
+            jobs.append(PlannedJob(title, stage.name, estimate_stage(stage.name, plan), took))
     return jobs
+
+
+def estimate_stage(name: str, plan: MaterialPlan) -> float:
+    """Return the rough time of a stage [s]."""
+    if name in {PHI, PHI_NAMED, PSI}:
+        frames = plan.recipe.episodes * plan.recipe.steps
+        return estimate_training(plan.forward if name == PSI else plan.delta, frames)
+    return NAMING if name == NAMES else RECORDING
 
 
 def plan_sequence(request: Request) -> list[PlannedJob]:
@@ -47,7 +68,7 @@ def plan_policies(request: Request, methods: Sequence[str]) -> list[PlannedJob]:
             f"{make_environment_name(find_task_file(environment))}: policy {method}, seed {seed}",
             sizes.frames,
             sizes.judged,
-            request.home(environment) / "policies" / sizes.policies / method / f"seed{seed}",
+            read_result(request.home(environment) / "policies" / sizes.policies / method / f"seed{seed}"),
         )
         for environment in request.environments
         for seed in sizes.seeds
@@ -65,10 +86,18 @@ def plan_count(request: Request, count: int, seed: int, methods: Sequence[str]) 
     """Return a number of trajectories and a seed of figure 6 as a planned job."""
     (environment,) = request.environments
     folder = request.home(environment) / request.purpose / "sweep" / str(count) / f"seed{seed}"
-    sizes, took, rough = request.sizes, 0.0, 0.0
-    for method in methods:
-        result = read_result(folder / method / sizes.policies)
-        took += result.wall_seconds + result.judging.wall_seconds if result else float("nan")
-        learning = NAMING if method.startswith("named") else estimate_training(sizes.phi(environment))
-        rough += learning + sizes.frames * POLICY_STEP + sizes.judged * EVALUATION
-    return PlannedJob(f"{count} trajectories, seed {seed}", "count", rough, took if took == took else None)
+    sizes, plan = request.sizes, request.plan_material(environment)
+    learning = estimate_training(plan.delta, count * plan.recipe.steps)
+    rough = sum(NAMING if method.startswith("named") else learning for method in methods)
+    rough += len(methods) * (sizes.frames * POLICY_STEP + sizes.judged * EVALUATION)
+    results = [read_result(folder / method / sizes.policies) for method in methods]
+    done = [result.wall_seconds + result.judging.wall_seconds for result in results if result]
+    took = sum(done) + read_learning_seconds(folder) if len(done) == len(methods) else None
+    return PlannedJob(f"{count_of(count, 'trajectory', plural='trajectories')}, seed {seed}", "count", rough, took)
+
+
+def read_learning_seconds(folder: Path) -> float:
+    """Return the time that models and names of a subset took [s]."""
+    histories = [json.loads(file.read_text(encoding="utf-8")) for file in list_visible_files(folder, f"*/{HISTORY}")]
+    named = read_record(folder / f"{NAMES}.json").get("seconds", 0.0)
+    return float(sum(rows[-1]["seconds"] for rows in histories) + named)

@@ -43,6 +43,7 @@ from nas_data.studies.experiments.pipeline.pairs import Predictor, pair_again, r
 
 Job = Work[MaterialPlan]
 
+FOLDER = "folder of recordings and models"  # name of the work in messages
 PAUSE = 15.0  # [s] between two progress lines of the search
 STORED_ENTRIES = ("verdict", "effects", "retuned", "gap")  # entries of a gap report that are stored with the stage
 
@@ -224,8 +225,8 @@ def make_material(
         JobsFailed: several stages failed; all others are finished except those that depend on them.
     """
     stages = list_stages(needs)
-    work = Work(plan, folder, report, name="folder of recordings and models")
-    if workers.count > 1 or workers.shared:
+    work = Work(plan, folder, report, name=FOLDER)
+    if workers.one_core:
         run_side_by_side(stages, work, workers, make_part)
     else:
         run_stages(stages, work)
