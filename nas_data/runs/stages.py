@@ -93,6 +93,7 @@ def run_stages(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> dict[str, Don
         OutputExists: the folder holds something else, or the same work with another plan or by other code.
     """
     results: dict[str, Done] = {}
+    check_plan(work)  # before a lock file is written
     with hold_run(work.folder):
         missing = begin(stages, work)
         for number, stage in enumerate(stages, start=1):
@@ -259,6 +260,7 @@ def run_side_by_side(
         OutputExists: the folder holds something else, or the same work with another plan or by other code.
         JobsFailed: several stages failed; all others are finished except those that depend on them.
     """
+    check_plan(work)  # before a lock file is written
     with hold_run(work.folder, workers.shared):
         missing = begin(stages, work)
         waiting = [stage for stage in stages if stage.name in missing]

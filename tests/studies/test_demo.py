@@ -20,7 +20,7 @@ from nas_data.effects.base import parse
 from nas_data.errors import OutputExists
 from nas_data.gap.report import GapReport
 from nas_data.gap.write_model import write_effects
-from nas_data.runs.stages import Stage, StageResult, claim, read_done, run_stages
+from nas_data.runs.stages import Stage, StageResult, begin, read_done, run_stages
 from nas_data.studies.demo import plan, recording
 from nas_data.studies.demo.plan import FULL, STAGES, Demo
 from nas_data.studies.demo.recording import DATASETS, FOLDER, HELDOUT, TRAIN, find_newest
@@ -83,7 +83,7 @@ def _small():
 
 def run_demo(folder: Path, size: plan.DemoPlan) -> Answer:
     """Run the quick demo in a folder."""
-    claim(Demo(size, folder, print))
+    begin([], Demo(size, folder, print))
     leave_report(folder / FOLDER)
     answer = nas("demo", "--quick", "--out", folder)
     assert answer.code == 0, answer.err
