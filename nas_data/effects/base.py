@@ -161,6 +161,11 @@ class Effect:
         guess = self.optional_guess(scales)
         return make_effect(self.name(), self.joint, {**own, **guess}) if guess else self
 
+    def without_optional_parameters(self) -> Self:
+        """Return the effect with its optional parameters at their neutral values, so that a fit leaves them there."""
+        values = {p.name: p.neutral if p.spread else getattr(self, p.name) for p in self.parameters}
+        return type(self)(joint=self.joint, **values)
+
     @classmethod
     def optional_guess(cls, scales: Scales | None) -> Mapping[str, float]:
         """Return initial guesses of the optional parameters: just off neutral if they have a prior around it."""

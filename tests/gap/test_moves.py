@@ -265,6 +265,20 @@ def test_friction_that_falls_with_speed_stays_what_it_is():
     assert simplify.apply(search, kept) is kept
 
 
+@pytest.mark.parametrize("stiffness", [3.0, None])
+def test_stops_of_play_are_rigid_again_unless_they_yield(stiffness):
+    hidden = "backlash:joint=j2,half_width=0.03" + (f",stiffness={stiffness}" if stiffness else "")
+    search = begun(arm(), hidden)
+    kept = fitted(search, "backlash:joint=j2,half_width=0.025,stiffness=8")
+    (play,) = simplify.apply(search, kept).effects
+    if stiffness:
+        assert play.stiffness == pytest.approx(stiffness, rel=0.1)
+    else:
+        assert play == parse(f"backlash:joint=j2,half_width={play.half_width}")
+        assert play.half_width == pytest.approx(0.03, rel=0.02)
+    assert not search.rivals, "rigid play is no other name"
+
+
 @pytest.mark.slow
 def test_what_the_model_bent_to_is_undone_by_beginning_anew(rubbing: Search):
     """Each joint's gain went as far as it may for the dead band; without it, they let go of each other."""

@@ -24,9 +24,11 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
             continue
         best = min(fit_special_cases(search, h, number), key=lambda one: one.score, default=h)
         if best.score < h.score:
-            search.rivals.setdefault(effect_key(best.effects[-1]), []).append(h.effects[number])
+            found = effect_key(best.effects[-1])
+            if found != key:
+                search.rivals.setdefault(found, []).append(h.effects[number])
             search.report(f"{h.effects[number].name()} simplified", best)
-            waiting.append(effect_key(best.effects[-1]))
+            waiting.append(found)
             h = best
     return h
 
@@ -38,7 +40,7 @@ def fit_special_cases(search: Search, h: Hypothesis, number: int) -> list[Hypoth
     names = {kind.name() for kind in simpler if count_parameters(kind) < count_parameters(type(effect))}
     if effect.joint is None or effect.name() in h.description.shared:
         return []
-    starts = replace_hook(search, h, number)
+    starts = [*replace_hook(search, h, number), *fix_optional_parameters(h, number)]
     if names:
         starts += [*absorb(h, effect, names), *replace_by_simpler(search, h, number, names)]
     fitted = map_in_parallel(lambda start: search.fit_description(*start, jacobian_refreshes=1), starts)
@@ -54,6 +56,16 @@ def replace_hook(search: Search, h: Hypothesis, number: int) -> list[Start]:
     if nearest is None or effect_key(nearest) in map(effect_key, h.effects):
         return []
     return [(h.description.without_effect(number).add_effects(nearest), h.fit.factors, h.fit)]
+
+
+def fix_optional_parameters(h: Hypothesis, number: int) -> list[Start]:
+    """Return a start in which an effect has no optional parameters, if it has some."""
+    effect = h.effects[number]
+    simpler = effect.without_optional_parameters()
+    if simpler == effect:
+        return []
+    others = [one for one in h.effects if one is not effect]
+    return [(h.description.with_effects([*others, simpler]), h.fit.factors, None)]
 
 
 def absorb(h: Hypothesis, effect: Effect, names: Container[str]) -> list[Start]:
