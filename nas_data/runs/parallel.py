@@ -153,7 +153,7 @@ def run_all(
                 done.update([number] if future.exception() is None else [])
                 yield number, future
     finally:
-        executor.shutdown(wait=bool(running), cancel_futures=True)
+        executor.shutdown(cancel_futures=bool(running))
         locks.release_all()
 
 
@@ -165,7 +165,7 @@ def count_cores() -> int:
 
 
 class ProcessPool(ProcessPoolExecutor):
-    """A pool of single-threaded processes, which ends running jobs when it is shut down."""
+    """A pool of single-threaded processes, whose running jobs end when they are cancelled."""
 
     def __init__(self, count: int) -> None:
         """Start the pool."""
@@ -175,9 +175,11 @@ class ProcessPool(ProcessPoolExecutor):
         super().__init__(count, mp_context=context, initializer=prepare_worker, initargs=arguments)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes at once."""
-        self._open.close()
+        """End the processes: at once if jobs are cancelled, else after their jobs."""
+        if cancel_futures:
+            self._open.close()
         super().shutdown(wait=wait, cancel_futures=cancel_futures)
+        self._open.close()
 
 
 class ThisProcess(Executor):
