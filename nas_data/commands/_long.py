@@ -19,7 +19,7 @@ class LongCommand(Command):
     """A command that consists of many jobs."""
 
     workers: int = 1
-    """Parallel jobs of this process, each in a process of one thread."""
+    """Parallel jobs, or those of this process with --executor folder; several have one thread each."""
     executor: str = "local"
     """Where jobs run: local, on this machine; folder, on every machine that joins over a shared disk (see --join); or
     ray, on the cluster in RAY_ADDRESS (pip install 'nas_data[ray]'), whose machines share the working directory."""

@@ -9,8 +9,8 @@ from nas_data.policies.ppo import PolicyTraining, check_folder
 from nas_data.runs.planned_jobs import PlannedJob
 
 # rough times on one core of a desktop computer: medians of docs/results/experiments/runs.csv
-POLICY_STEP = 1.3e-4  # [s] control step of a training
-EVALUATION = 0.3  # [s] episode of an evaluation
+POLICY_STEP = 1.4e-4  # [s] control step of a training
+EVALUATION = 0.004  # [s] episode of an evaluation
 KIND = "policy"
 
 

@@ -1,12 +1,13 @@
 """Rough times of jobs on one core of a desktop computer, for estimates before anything has run.
 
-They are medians of docs/results/experiments/runs.csv and models.csv.
+Recording and naming are medians of docs/results/experiments/models.csv. With the other numbers, the training of φ takes
+about its median there, 14 minutes.
 """
 
 from nas_data.models.presets import TrainingOptions
 
-RECORDING = 30.0  # [s] recording and pairing of an environment's episodes
-NAMING = 300.0  # [s] naming effects in an arm of six joints
+RECORDING = 6.0  # [s] recording and pairing of an environment's episodes
+NAMING = 350.0  # [s] naming effects in an arm of six joints
 TRAINED_FRAME = 1e-5  # [s] frame of a training, whatever the network
 TRAINED_WEIGHT = 1.1e-10  # [s] weight of the network, for each frame
 TRAINING_START = 5.0  # [s]

@@ -97,7 +97,12 @@ class CaseJob:
     @property
     def path(self) -> Path:
         """File of the result."""
-        return self.out / RESULTS / f"{self.identity.name}.json"
+        return find_result(self.identity, self.out)
+
+
+def find_result(identity: Identity, out: Path) -> Path:
+    """Return the file of a case's result."""
+    return out / RESULTS / f"{identity.name}.json"
 
 
 def do_case(job: CaseJob) -> CaseRecord:

@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from nas_data.benchmarks.blind.benchmark import RESULTS, BlindPlan
+from nas_data.benchmarks.blind.benchmark import BlindPlan, find_result
 from nas_data.benchmarks.blind.case import Identity
 from nas_data.benchmarks.blind.record import CaseFailure, CaseRecord
 from nas_data.benchmarks.blind.run_case import check_code
 from nas_data.runs.planned_jobs import PlannedJob
 
+# Rough times on one core of a desktop computer, near the medians of docs/results/blind.md
 ROUGH = {"none": 25.0, "one": 50.0, "two": 90.0, "three": 130.0, "every": 200.0, "outside": 120.0}  # [s] by family
 ROUGH_OTHER = 250.0  # [s] a case of another family
 ROUGH_BASELINE = 30.0  # [s] a baseline on a case
@@ -22,8 +23,7 @@ def plan_cases(plan: BlindPlan, out: Path) -> list[PlannedJob]:
         OutputExists: finished cases were evaluated by other code.
     """
     plan.check()
-    paths = {identity: out / RESULTS / f"{identity.name}.json" for identity in plan.identities()}
-    records = {identity: CaseRecord.read(path) for identity, path in paths.items()}
+    records = {identity: CaseRecord.read(find_result(identity, out)) for identity in plan.identities()}
     check_code({identity: record for identity, record in records.items() if record}, out)
     return [plan_case(identity, record, plan.baselines) for identity, record in records.items()]
 
