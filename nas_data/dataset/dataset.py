@@ -22,9 +22,18 @@ if TYPE_CHECKING:
     from nas_data.dataset.origin import Origin
 
 
-@dataclass(frozen=True, repr=False)
+def as_read_only(array: Array) -> Array:
+    """Return a view of an array through which it cannot be changed."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+@dataclass(frozen=True, repr=False, eq=False)
 class Dataset:
-    """Recorded episodes, N frames in all.
+    """Recorded episodes, N frames in all. Its arrays are read-only, because copies share them.
+
+    Compare the content of two datasets with `nas diff`, or with `dataset.content.hash_content`.
 
     Attributes:
         features: Feature of each column.
@@ -50,6 +59,7 @@ class Dataset:
 
     def __post_init__(self) -> None:
         total = int(self.lengths.sum())
+        object.__setattr__(self, "columns", {key: as_read_only(column) for key, column in self.columns.items()})
         for key, feature in self.features.items():
             shape = self.columns[key].shape
             if shape != (total, feature.width):

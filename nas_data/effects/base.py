@@ -144,6 +144,11 @@ class Effect:
         return all(getattr(self, parameter.name) == parameter.neutral for parameter in self.parameters)
 
     @property
+    def constant_error(self) -> float | None:
+        """Position error [rad; slides m] that it makes the same in every posture; None for an effect that does not."""
+        return None
+
+    @property
     def free_parameters(self) -> tuple[Parameter, ...]:
         """The parameters that a fit frees: optional ones only if at least one of them is not neutral."""
         details = any(getattr(self, p.name) != p.neutral for p in self.parameters if p.spread)

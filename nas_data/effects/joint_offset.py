@@ -25,6 +25,11 @@ class JointOffset(Effect):
     signature: ClassVar = "A constant static error, the same in every posture, direction and load."
     confused_with: ClassVar = ("base_tilt", "payload", "deadband", "asymmetric_friction")
 
+    @property
+    def constant_error(self) -> float:
+        """The offset [rad; slides m]."""
+        return self.offset
+
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
         """Two degrees; the error is proportional to the offset."""

@@ -11,6 +11,7 @@ from nas_data.errors import ModelFileError
 from nas_data.gap.floor import compute_floor_ratios
 from nas_data.gap.name import Finding, Naming
 from nas_data.gap.nominal import Nominal
+from nas_data.gap.nominal_parameters import FIRM
 from nas_data.gap.problem import Problem
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_effects import (
@@ -77,17 +78,23 @@ def compose(
     held = problem.held
     before, after = (compute_floor_ratios(part.squares, held.floors) for part in (outcome.before, outcome.after))
     dataset, model = problem.names
+    retuned = tuple(from_json(Retuned, entry) for entry in list_retuned(naming.final))
+    large = () if naming.findings else find_large(retuned)
+    conditioning = float(f"{naming.final.conditioning:.3g}")
     return GapReport(
         dataset=dataset,
         model=model,
-        verdict=decide_verdict(before, after, len(naming.findings), len(naming.final.effects)),
+        verdict=decide_verdict(
+            before, after, len(naming.findings), len(naming.final.effects), len(retuned), len(large)
+        ),
         effects=tuple(
             describe_finding(finding, held.nominal, outcome.contains(finding.effect)) for finding in naming.findings
         ),
-        retuned=tuple(from_json(Retuned, entry) for entry in list_retuned(naming.final)),
+        retuned=retuned,
         joints=describe_joints(held, naming, after),
-        unexplained=find_unexplained(held, outcome.after.positions, after),
-        gap=measure_gap(held, outcome, float(f"{naming.final.conditioning:.3g}")),
+        unexplained=find_unexplained(held, outcome.after.positions, after, large),
+        gap=measure_gap(held, outcome, conditioning),
+        conditioning=conditioning,
         shares=measure_shares(held, outcome),
         phi=outcome.learned,
         placebo=describe_placebo(held, naming),
@@ -127,6 +134,7 @@ def describe_finding(finding: Finding, nominal: Nominal, in_file: bool) -> Named
             unit=unit.si,
             closest_rival=round(finding.support.closest_rival, 3),
             chosen=round(finding.support.chosen, 3),
+            position_dependence=round_optional(finding.support.position_dependence),
         ),
         alternatives=tuple(describe_alternative(rival.effect, rival.error) for rival in finding.rivals if rival.effect),
         equals=tuple(
@@ -136,6 +144,11 @@ def describe_finding(finding: Finding, nominal: Nominal, in_file: bool) -> Named
         ),
         in_model_xml=in_file,
     )
+
+
+def round_optional(value: float | None) -> float | None:
+    """Return a number with three decimals, None for None."""
+    return None if value is None else round(value, 3)
 
 
 def describe_alternative(effect: Effect, error: float) -> Alternative:
@@ -189,16 +202,36 @@ def list_confidences(naming: Naming, joint: str) -> list[float]:
     return [finding.confidence for finding in naming.findings if finding.effect.joint in (joint, None)]
 
 
-def find_unexplained(held: FitTask, predicted: np.ndarray, after: np.ndarray) -> tuple[Unexplained, ...]:
-    """Return the joints with an error above the floor, and the quantity that it correlates with."""
+def find_large(retuned: Sequence[Retuned]) -> tuple[Retuned, ...]:
+    """Return the parameters that changed by more than 25 %; firm friction is a setting of the solver."""
+    return tuple(entry for entry in retuned if entry.is_large and not entry.parameter.endswith(FIRM))
+
+
+def find_unexplained(
+    held: FitTask, predicted: np.ndarray, after: np.ndarray, large: Sequence[Retuned] = ()
+) -> tuple[Unexplained, ...]:
+    """Return the joints with an unexplained error, and what it goes with.
+
+    Args:
+        held: Model and held-out episodes.
+        predicted: Predicted positions [rad; m], shape (E, T, n).
+        after: Their error over the floor, shape (n,).
+        large: Parameters whose change by more than 25 % stands for a cause without a name. They are listed for joints
+            at the floor.
+    """
     errors = held.evidence.errors(predicted)
+    joints = held.evidence.joints
+    at_floor = {entry.joint: entry.parameter for entry in large if after[joints.index(entry.joint)] <= EXPLAINED}
     return tuple(
         Unexplained(
-            joint=held.evidence.joints[joint],
+            joint=joints[joint],
             ratio_to_noise=round(float(after[joint]), 2),
             goes_with=find_residual_correlate(held.evidence, errors, joint, held.nominal.slides),
         )
         for joint in find_above(after, EXPLAINED)
+    ) + tuple(
+        Unexplained(joint=joint, ratio_to_noise=round(float(after[joints.index(joint)]), 2), goes_with=parameter)
+        for joint, parameter in at_floor.items()
     )
 
 

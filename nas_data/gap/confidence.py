@@ -6,11 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nas_data.effects.base import Effect
+from nas_data.gap.residual_correlates import compute_explained_variance, encode_position_bins
 from nas_data.gap.rivals import Rival
 from nas_data.gap.search.hypothesis import Hypothesis
 from nas_data.gap.search.search import Search
 
 REDRAWS = 400  # random draws of the episodes, with replacement
+CONSTANT_SHARE = 0.1  # share of a constant error by which an error that depends on the position contradicts it
 UNSURE_FLOORS = 2.0  # noise floors of a name's own joints above which its confidence may fall
 
 
@@ -23,28 +26,38 @@ class Support:
         chosen: Share of random draws of the episodes in which the score is lower with the name than without it.
         rest: Largest held-out error of its joints with it [noise floors].
         left: Held-out error of its joints with it over that without it, everything else fitted again.
+        position_dependence: For an effect that is the same in every posture, how far the remaining error contradicts
+            that, 0 to 1; see `compute_position_dependence`. None for other effects.
     """
 
     closest_rival: float
     chosen: float
     rest: float
     left: float
+    position_dependence: float | None = None
 
     @property
     def confidence(self) -> float:
         """Probability that the name is right; docs/concepts/confidence.md explains the formula."""
         explained = max(math.sqrt(UNSURE_FLOORS / max(self.rest, UNSURE_FLOORS)), 1 - self.left)
-        return round((1 - 0.5 * self.closest_rival) * self.chosen * explained, 3)
+        rival = max(self.closest_rival, self.position_dependence or 0.0)
+        return round((1 - 0.5 * rival) * self.chosen * explained, 3)
 
 
 def measure_support(
-    search: Search, kept: Hypothesis, without: Hypothesis, rivals: Sequence[Rival], joints: Sequence[int]
+    search: Search,
+    kept: Hypothesis,
+    effect: Effect,
+    without: Hypothesis,
+    rivals: Sequence[Rival],
+    joints: Sequence[int],
 ) -> Support:
     """Return what a name of a hypothesis rests on.
 
     Args:
         search: Episodes, and the objective of all hypotheses.
         kept: Hypothesis with the name.
+        effect: The named effect.
         without: Hypothesis without it, everything else fitted again.
         rivals: Its rivals, with its absence.
         joints: Indices of the joints that judge the name.
@@ -55,7 +68,27 @@ def measure_support(
         chosen=compute_chosen_share(search, kept, without),
         rest=float(search.floor_ratios(kept)[own].max()),
         left=float(np.sqrt(kept.heldout[:, own].mean() / without.heldout[:, own].mean())),
+        position_dependence=compute_position_dependence(search, kept, effect),
     )
+
+
+def compute_position_dependence(search: Search, kept: Hypothesis, effect: Effect) -> float | None:
+    """Return how far the remaining error contradicts an effect that is the same in every posture, 0 to 1.
+
+    A rival of such an effect is an error that depends on the position, as that of an eccentric gear or of a curved
+    calibration. Near one posture both look alike. The result is v / (0.1 b)², at most 1: b is the effect's constant
+    error, and v the variance of the remaining error between positions, adjusted for the number of bins.
+
+    Returns:
+        The ratio; None for other effects.
+    """
+    if (constant := effect.constant_error) is None or effect.joint is None:
+        return None
+    evidence = search.task.evidence
+    joint, mask = evidence.joints.index(effect.joint), evidence.mask
+    errors = evidence.errors(kept.fit.predicted)[..., joint][mask]
+    share = compute_explained_variance(errors, encode_position_bins(evidence.measured[..., joint][mask]))
+    return float(np.clip(share * errors.var() / (CONSTANT_SHARE * constant) ** 2, 0.0, 1.0)) if constant else 0.0
 
 
 def compute_chosen_share(search: Search, kept: Hypothesis, without: Hypothesis) -> float:

@@ -14,7 +14,7 @@ from nas_data.gap.rivals import Rival, compute_closeness
 from nas_data.gap.search.choose import choose
 from nas_data.gap.search.constants import MAX_ALTERNATIVES, PRICE
 from nas_data.gap.search.contrast import Contrast
-from nas_data.gap.search.final import FinalFit, fit_final
+from nas_data.gap.search.final import FinalFit, compute_conditioning, find_at_bound, fit_final
 from nas_data.gap.search.firm_friction import make_friction_firm
 from nas_data.gap.search.hypothesis import Description, Hypothesis, effect_key
 from nas_data.gap.search.moves.add import fit_worst_joints
@@ -139,6 +139,14 @@ def name(
     search = Search.begin(train, held, say, contrast)
     choice = choose(search)
     plain = choice.plain
+    baseline = FinalFit(
+        plain.effects,
+        plain.fit.factors,
+        (),
+        choice.plain_fine,
+        find_at_bound(plain.fit),
+        compute_conditioning(search.task, plain.fit),
+    )
     train = replace(search.train, fine=search.task.fine)
     kept = withdraw(search, choice.best)
     say("comparing candidates with similar scores")
@@ -153,7 +161,6 @@ def name(
         say(f"checking {effect.name()} at {effect.joint or 'the arm'}, {number + 1} of {len(kept.effects)}")
         findings.append(assess(search, kept, final, number))
     findings.sort(key=lambda finding: -finding.confidence)
-    baseline = FinalFit(plain.effects, plain.fit.factors, (), choice.plain_fine)
     final = replace(final, factors={**final.factors, **firm})
     return Naming(
         tuple(findings),
@@ -208,7 +215,7 @@ def assess(search: Search, kept: Hypothesis, final: FinalFit, number: int) -> Fi
     return Finding(
         effect=final.effects[number],
         interval=final.intervals[number],
-        support=measure_support(search, kept, without, rivals, joints),
+        support=measure_support(search, kept, kept.effects[number], without, rivals, joints),
         before=rivals[-1].error,
         after=rms(kept.heldout, joints),
         rivals=rivals,

@@ -54,6 +54,7 @@ class GapReport:
         joints: Completeness of each joint.
         unexplained: Joints with an error above the noise, largest first.
         gap: Errors before and after.
+        conditioning: Condition number of the final fit; above 10⁶, the data do not determine all parameters.
         shares: Explained shares of the gap.
         phi: Errors without and with φ, which is left out if it does not help; None if it was not trained.
         placebo: Error with a wrong name.
@@ -77,6 +78,7 @@ class GapReport:
     joints: Mapping[str, JointDescription] = field(default_factory=dict)
     unexplained: tuple[Unexplained, ...]
     gap: ArmGap
+    conditioning: float | None = field(default=None, metadata=OPTIONAL)
     shares: Shares | None = None
     phi: LearnedCorrection | None = field(default=None, metadata=OPTIONAL)
     placebo: Placebo | None = None

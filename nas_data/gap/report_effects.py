@@ -61,6 +61,8 @@ class Evidence:
         unit: Unit of both errors: rad, or m for a slide.
         closest_rival: Closeness of the nearest rival: 1 if it predicts as well in every joint, 0 if much worse.
         chosen: Share of random draws of the episodes in which the name is worth its price.
+        position_dependence: For an effect that is the same in every posture, how far the remaining error, which depends
+            on the position, contradicts that: 0 not at all, 1 fully. None for other effects.
     """
 
     heldout_error_before: float
@@ -68,6 +70,7 @@ class Evidence:
     unit: str = HINGE.si
     closest_rival: float | None = field(default=None, metadata=OPTIONAL)
     chosen: float | None = field(default=None, metadata=OPTIONAL)
+    position_dependence: float | None = field(default=None, metadata=OPTIONAL)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -25,6 +25,11 @@ class Retuned:
     at_bound: bool = False
 
     @property
+    def joint(self) -> str:
+        """Joint of the parameter."""
+        return self.parameter.rpartition(".")[0]
+
+    @property
     def is_large(self) -> bool:
         """Whether it changed by more than a parameter's tolerance, which only freed parameters can."""
         return self.factor > LARGE_FACTOR or self.factor * LARGE_FACTOR < 1
@@ -47,11 +52,23 @@ class JointDescription:
 
 @dataclass(frozen=True, kw_only=True)
 class Unexplained:
-    """A joint with an error above the noise floor, and the quantity that it correlates with."""
+    """A joint whose gap has no name.
+
+    Attributes:
+        joint: Name of the joint.
+        ratio_to_noise: Remaining error over the noise floor.
+        goes_with: Quantity that the error correlates with, or `nothing`; where the error is at the floor, the
+            parameter whose large change takes it there, for example `m2.frictionloss`.
+    """
 
     joint: str
     ratio_to_noise: float
     goes_with: str
+
+    @property
+    def is_at_floor(self) -> bool:
+        """Whether a large change of a parameter takes the error to the floor."""
+        return self.goes_with.startswith(f"{self.joint}.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +91,7 @@ class GapErrors:
     after_model_xml: float | None = field(default=None, metadata=OPTIONAL)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class ArmGap(GapErrors):
     """The gap of the whole arm: errors over its hinges, or over its slides without hinges.
 
@@ -83,7 +100,7 @@ class ArmGap(GapErrors):
         delivered: Content of `model.xml`: `names`, `names and plain`, `names of MJCF and plain`, `plain` or `given`.
         slides: Errors over the slides of an arm that has hinges as well.
         per_joint: Errors of each joint.
-        conditioning: Condition number of the final fit.
+        conditioning: The same as the report's own.
     """
 
     metric: str = ""
@@ -91,6 +108,10 @@ class ArmGap(GapErrors):
     slides: GapErrors | None = field(default=None, metadata=OPTIONAL)
     per_joint: Mapping[str, GapErrors] = field(default_factory=dict)
     conditioning: float | None = field(default=None, metadata=OPTIONAL)
+
+    def __repr__(self) -> str:
+        """Return the errors before and after."""
+        return f"ArmGap({self.before:.3g} → {self.after:.3g} {self.unit}, {len(self.per_joint)} joints)"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,7 +228,7 @@ class Check:
     ok: bool = True
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class GapFindings:
     """Location of the gap.
 
@@ -222,6 +243,11 @@ class GapFindings:
     regimes: tuple[Bin, ...]
     audit: tuple[Check, ...]
     undecidable: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """Return the error of each joint in noise floors."""
+        ratios = ", ".join(f"{joint} {gap.ratio_to_noise:.3g}" for joint, gap in self.joints.items())
+        return f"GapFindings({ratios} noise floors)"
 
     def to_json(self) -> dict[str, object]:
         """Return the content in SI units."""

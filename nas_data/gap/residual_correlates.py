@@ -11,6 +11,7 @@ from nas_data.joint_units import compute_angle_scales
 # 0.3° in 40 ms is slower
 MOVING_SPEED = 0.25
 BINS = 24  # bins of the position
+NOTHING = "nothing"  # answer where no quantity explains more than chance
 
 
 def find_residual_correlate(
@@ -25,15 +26,17 @@ def find_residual_correlate(
         slides: Names of the slides.
 
     Returns:
-        `position`, `speed`, `direction`, `acceleration`, `command`, `other joints` or `time`.
+        `position`, `speed`, `direction`, `acceleration`, `command`, `other joints` or `time`; `nothing` if none
+        explains more than chance.
     """
     seen = evidence.mask[:, 2:-2].ravel()
     wanted = errors[:, 2:-2, joint].ravel()[seen]
     travel = np.ptp(evidence.measured[evidence.mask], axis=0)
     moving = MOVING_SPEED * float(compute_angle_scales(evidence.joints, slides, travel)[joint])
     found = list_regressors(evidence, joint, moving)
-    shares = {name: compute_explained_variance(wanted, rows[seen]) for name, rows in found.items()}
-    return max(shares, key=lambda name: shares[name])
+    shares = {name: compute_explained_variance(wanted, rows[seen]) for name, rows in found.items() if rows.shape[1]}
+    best = max(shares, key=lambda name: shares[name])
+    return best if shares[best] > 0 else NOTHING
 
 
 def list_regressors(evidence: EpisodeBatch, joint: int, moving: float) -> Mapping[str, np.ndarray]:

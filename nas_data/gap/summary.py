@@ -5,7 +5,7 @@ from pathlib import Path
 
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_effects import FittedParameter, NamedEffect
-from nas_data.gap.report_parts import GapErrors, LearnedCorrection
+from nas_data.gap.report_parts import GapErrors, LearnedCorrection, Unexplained
 from nas_data.joint_units import find_display_unit
 
 VERDICTS = {
@@ -17,8 +17,11 @@ VERDICTS = {
 }
 
 RETUNED_FAR = (
-    "No effect is named: the model's own parameters reduce the gap to the noise, but change by more than 25 %."
+    "Unexplained: no effect in the catalogue accounts for the gap, but parameters that the model has reduce it to the "
+    "noise, changed by more than 25 %."
 )
+DOUBTFUL = 0.5  # position dependence from which a constant effect is doubted in words
+LARGEST_CONDITION_NUMBER = 1e6  # above which the data do not determine all parameters
 UNDECIDED = "Unexplained: this recording does not decide which effect is missing."
 IN_MOTION = (
     "The error is above the noise floor because episodes begin in motion, "
@@ -31,7 +34,8 @@ DELIVERED = {
     "it predicts worse.",
     "names of MJCF and plain": "model.xml has the plain fit in place of the named effects that MJCF cannot express "
     "(effects.json has them).",
-    "plain": "model.xml is the plain fit, without named effects: a file with them predicts held-out episodes worse.",
+    "plain": "model.xml is the plain fit, without named effects: a file with them predicts held-out episodes worse. "
+    "model.diff lists its changes.",
     "given": "model.xml is the model as given: no fitted model predicts held-out episodes better.",
 }
 
@@ -52,10 +56,7 @@ def list_findings(report: GapReport) -> list[str]:
         lines += found.undecidable
         lines += [check.finding for check in found.audit if check.check == "model" and not check.ok]
     lines += map(describe_effect, report.effects)
-    lines += [
-        f"{entry.joint}: still {entry.ratio_to_noise:.1f} times the noise; correlates with {entry.goes_with}"
-        for entry in report.unexplained
-    ]
+    lines += map(describe_open_joint, report.unexplained)
     by_change = sorted(report.retuned, key=lambda entry: (not entry.at_bound, -abs(math.log(entry.factor))))
     changed = [
         f"{entry.parameter} × {entry.factor:.3f}{' (at its bound)' if entry.at_bound else ''}"
@@ -70,6 +71,8 @@ def list_findings(report: GapReport) -> list[str]:
         lines.append(describe_learned(report.phi))
     if is_from_initial_states(report):
         lines.append(IN_MOTION)
+    if undetermined := describe_conditioning(report):
+        lines.append(undetermined)
     if gap.delivered in DELIVERED:
         lines.append(DELIVERED[gap.delivered])
     if report.next_experiment:
@@ -88,11 +91,36 @@ def is_from_initial_states(report: GapReport) -> bool:
 
 def describe_verdict(report: GapReport) -> str:
     """Return the verdict as a sentence."""
-    if report.verdict == "retuned" and any(entry.is_large for entry in report.retuned):
+    if is_retuned_far(report):
         return RETUNED_FAR
     if report.verdict == "unexplained" and (report.experiments or not report.unexplained):
         return UNDECIDED
     return VERDICTS.get(report.verdict, f"Verdict: {report.verdict}.")
+
+
+def is_retuned_far(report: GapReport) -> bool:
+    """Return whether large changes of parameters reduce the gap of an unexplained report to the noise."""
+    return bool(report.unexplained) and all(entry.is_at_floor for entry in report.unexplained)
+
+
+def describe_open_joint(entry: Unexplained) -> str:
+    """Return what is unexplained in a joint on one line."""
+    if entry.is_at_floor:
+        return (
+            f"{entry.joint}: at the noise with a large change of {entry.goes_with} only; check its value in the model"
+        )
+    return f"{entry.joint}: still {entry.ratio_to_noise:.1f} times the noise; correlates with {entry.goes_with}"
+
+
+def describe_conditioning(report: GapReport) -> str:
+    """Return a sentence about a fit that the data do not determine, empty for others."""
+    number = report.conditioning
+    if number is None or number <= LARGEST_CONDITION_NUMBER:
+        return ""
+    return (
+        f"The data do not determine all parameters (condition number {number:.0e}): some of them can change together "
+        "and predict the same."
+    )
 
 
 def describe_errors(gap: GapErrors) -> str:
@@ -132,6 +160,8 @@ def describe_effect(effect: NamedEffect) -> str:
         if second.joint != effect.joint:  # the same name at another place is another explanation
             rival += f" {second.joint}" if second.joint else " of the whole arm"
         line += f" (runner-up {rival}: {unit.text(second.heldout_error_after)})"
+    if (errors.position_dependence or 0.0) >= DOUBTFUL:
+        line += "; the error that remains depends on the position, so it may not be constant"
     return line
 
 

@@ -59,7 +59,7 @@ def read_episodes(
     predicted = dataset.sim_states if dataset.paired else dataset.states
     columns = [dataset.states, dataset.commands, predicted, dataset.next_states]
     columns += [] if simulator is None else [read_object_states(dataset, simulator)]
-    tensors = [torch.from_numpy(np.ascontiguousarray(column, dtype=np.float32)) for column in columns]
+    tensors = [torch.from_numpy(np.require(column, np.float32, ["C", "W"])) for column in columns]
     return [
         Episode(*(tensor[dataset.episode(index)] for tensor in tensors))
         for index in (range(dataset.n_episodes) if indices is None else indices)

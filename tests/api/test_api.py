@@ -386,6 +386,20 @@ def test_report_json_has_the_keys_of_the_contract(page):
     assert gap <= set(content["gap"])
     assert set(content["joints"]["pendulum"]) == {"complete", "ratio_to_noise", "stable"}
     assert content["schema"] == 2
+    assert content["conditioning"] == content["gap"]["conditioning"] > 1
+
+
+def test_parts_of_a_report_have_short_reprs(page):
+    report = page["report"]
+    assert max(len(repr(part)) for part in (report, report.gap, report.find, report.effects[0])) < 120
+
+
+def test_a_dataset_cannot_be_changed_and_equals_itself_only(ds):
+    for array in (ds.states, ds.commands):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0, 0] = 3.0
+    assert ds == ds and ds != nas.Dataset.from_arrays(np.zeros((2, 9, 1)), np.zeros((2, 9, 1)), rate=50, joints=["a"])
+    assert {ds: 1}[ds] == 1
 
 
 def test_a_report_is_drawn_and_unknown_joints_are_refused(page):

@@ -5,8 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from nas_data.effects.command_delay import CommandDelay
+from nas_data.effects.joint_offset import JointOffset
 from nas_data.gap.compose import compute_completeness, describe_joints
-from nas_data.gap.confidence import Support, compute_chosen_share
+from nas_data.gap.confidence import Support, compute_chosen_share, compute_position_dependence
 from nas_data.gap.nominal_parameters import NominalParameter
 from nas_data.gap.rivals import compute_closeness
 from nas_data.gap.search.score import Score
@@ -49,6 +51,32 @@ def test_each_doubt_lowers_the_confidence():
     assert Support(closest_rival=1.0, chosen=1.0, rest=1.0, left=0.9).confidence == 0.5
     assert Support(closest_rival=0.0, chosen=0.6, rest=1.0, left=0.9).confidence == 0.6
     assert Support(closest_rival=0.0, chosen=1.0, rest=8.0, left=0.9).confidence == 0.5
+
+
+def make_offset_search(wave: float) -> tuple[SimpleNamespace, SimpleNamespace]:
+    """Return a search of 1 joint, and a fit with noise of 1 mrad and an error of a wave [rad] over the position."""
+    rng = np.random.default_rng(0)
+    positions = np.cumsum(rng.normal(scale=0.05, size=(4, 400, 1)), axis=1)
+    evidence = SimpleNamespace(
+        joints=("m1",),
+        measured=positions,
+        mask=np.ones((4, 400), bool),
+        errors=lambda predicted: predicted - positions,
+    )
+    predicted = positions + rng.normal(scale=1e-3, size=positions.shape) + wave * np.sin(2 * positions)
+    return SimpleNamespace(task=SimpleNamespace(evidence=evidence)), SimpleNamespace(
+        fit=SimpleNamespace(predicted=predicted)
+    )
+
+
+def test_an_error_that_depends_on_the_position_contradicts_an_offset_in_proportion_to_it():
+    small, large = JointOffset(joint="m1", offset=0.01), JointOffset(joint="m1", offset=-0.2)
+    for wave, offset, low, high in ((0.0, small, 0.0, 0.2), (0.005, small, 1.0, 1.0), (0.005, large, 0.0, 0.1)):
+        contradicts = compute_position_dependence(*make_offset_search(wave), offset)
+        assert contradicts is not None and low <= contradicts <= high
+    assert compute_position_dependence(*make_offset_search(0.005), CommandDelay(delay=0.02)) is None
+    doubted = Support(closest_rival=0.1, chosen=1.0, rest=1.0, left=0.1, position_dependence=1.0)
+    assert doubted.confidence == 0.5
 
 
 def test_what_remains_matters_less_the_more_a_name_explains():

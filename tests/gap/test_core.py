@@ -307,6 +307,16 @@ def test_a_plain_fit_that_adds_effects_is_no_retuned_model():
     assert decide_verdict(np.array([4.0]), np.array([1.0]), named=0, added=2) == "unexplained"
 
 
+def test_a_change_of_more_than_25_percent_is_no_retuning():
+    before, after = np.array([4.0]), np.array([1.0])
+    assert decide_verdict(before, after, named=0, changed=2, large=1) == "unexplained"
+    assert decide_verdict(before, after, named=1, changed=2, large=1) == "explained"
+
+
+def test_a_model_in_which_nothing_changed_is_not_retuned():
+    assert decide_verdict(np.array([1.4]), np.array([1.4]), named=0, changed=0) == "none"
+
+
 def test_stability_is_unknown_where_a_named_joint_has_no_two_halves():
     named = SimpleNamespace(stable={"a": False}, findings=[SimpleNamespace(effect=typical("backlash", "b"))])
     assert [find_stability(named, joint) for joint in "abc"] == [False, None, True]

@@ -23,9 +23,10 @@ FIRM = 'solimpfriction="0.999 0.999 0.001 0.5 2" solreffriction="0.004 1"'
 RATE, ROWS, HELD = 50, 150, 25
 
 
-def record(hidden: str) -> nas.Dataset:
-    """Record motions with stops of an arm whose friction holds."""
+def record(hidden: str, friction: float = 0.3) -> nas.Dataset:
+    """Record motions with stops of an arm whose friction [N m] holds."""
     spec = mujoco.MjSpec.from_string(ARM.format(firm=FIRM))
+    spec.joint("j").frictionloss = friction
     add_effects(spec, [parse(hidden)] if hidden else [])
     model, rng, positions, commands = spec.compile(), np.random.default_rng(0), [], []
     times = np.arange(ROWS) / RATE
@@ -62,6 +63,20 @@ def test_friction_that_only_has_to_hold_is_retuned_and_not_named(tmp_path):
         assert main([*map(str, words), "--out", str(tmp_path / file)]) == 0
         again = mujoco.MjModel.from_xml_path(str(tmp_path / file / "model.xml"))
         assert again.dof_solimp[0, 0] == pytest.approx(0.9 * firm.factor, rel=1e-3)
+
+
+def test_friction_that_the_robot_lacks_is_unexplained_because_no_effect_removes_it(tmp_path):
+    (tmp_path / "arm.xml").write_text(ARM.format(firm=FIRM))
+    report = nas.identify(record("", friction=0.03), model=tmp_path / "arm.xml")
+    assert report.verdict == "unexplained" and report.effects == ()
+    (rest,) = report.unexplained
+    assert (rest.joint, rest.goes_with) == ("j", "j.frictionloss")
+    assert rest.ratio_to_noise < 1.5
+    (friction,) = [entry for entry in report.retuned if entry.parameter == "j.frictionloss"]
+    assert friction.factor == pytest.approx(0.1, rel=0.3)
+    assert "check its value in the model" in str(report) and "more than 25 %" in str(report)
+    text = report.save(tmp_path / "gap").joinpath("report.html").read_text()
+    assert "only if numbers that it already has change by more than 25 %" in text
 
 
 def test_more_friction_is_named_with_its_size(tmp_path):

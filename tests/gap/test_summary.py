@@ -53,6 +53,12 @@ def test_a_gap_that_an_experiment_would_decide_is_not_said_to_lie_outside_the_ca
         assert said in describe_verdict(report)
 
 
+def test_a_fit_that_the_data_do_not_determine_says_so():
+    for number, is_told in ((3e8, True), (40.0, False), (None, False)):
+        said = "\n".join(list_findings(gap_report(conditioning=number)))
+        assert ("do not determine all parameters (condition number 3e+08)" in said) is is_told
+
+
 def test_a_placebo_is_told_with_its_place():
     said = [name_with_place(make_effect("command_delay", joint, {"delay": 0.04})) for joint in (None, "waist")]
     assert said == ["command_delay in the whole arm", "command_delay in waist"]

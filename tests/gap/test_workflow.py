@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -254,6 +255,19 @@ def test_what_is_left_is_told_by_what_it_goes_with(quantity: str):
         "time": np.broadcast_to(0.01 * np.linspace(0, 1, q.shape[1])[None, :, None] ** 2, q.shape),
     }[quantity]
     assert find_residual_correlate(evidence, extra, 2) == quantity
+
+
+def test_noise_goes_with_nothing_and_a_single_joint_with_no_other():
+    _, evidence = measured(seed=3)
+    rng = np.random.default_rng(0)
+    alone = replace(
+        evidence,
+        joints=evidence.joints[:1],
+        **{name: getattr(evidence, name)[..., :1] for name in ("measured", "commands")},
+    )
+    for _ in range(5):
+        noise = rng.normal(scale=1e-3, size=alone.measured.shape)
+        assert find_residual_correlate(alone, noise, 0) == "nothing"
 
 
 def test_positions_are_not_commanded_to_torque_motors(

@@ -193,7 +193,9 @@ def test_what_is_no_gain_is_refused(value: float, tmp_path: Path):
 
 def test_a_gain_that_changes_within_an_episode_is_refused():
     dataset = recorded([400, 400])
-    dataset.columns[REGISTER][20:] = 800
+    gains = dataset.columns[REGISTER].copy()
+    gains[20:] = 800
+    dataset = replace(dataset, columns={**dataset.columns, REGISTER: gains})
     with pytest.raises(DatasetInvalid, match="episode 0 of data is 400, 800"):
         with_relative_gains(dataset, MODEL, "data")
     with pytest.raises(DatasetInvalid, match="2 columns"):

@@ -27,7 +27,7 @@ from nas_data.gap.showing.page_words import (
     list_remarks,
 )
 from nas_data.gap.showing.series import Series
-from nas_data.gap.summary import DELIVERED, describe_learned
+from nas_data.gap.summary import DELIVERED, describe_conditioning, describe_learned
 from nas_data.gap.write_model import DIFFERENCE
 from nas_data.reports.page import Block, HtmlPage, ModelDifference, PageSection, Text
 from nas_data.reports.style import to_png
@@ -100,6 +100,8 @@ def make_change_blocks(report: GapReport, folder: Path) -> list[Block]:
         blocks.append(Text(DELIVERED["plain"] if is_plain else NOT_WRITTEN.format(join_items(missing))))
     if report.retuned:
         blocks.append(tables.make_retuned_table(report))
+    if undetermined := describe_conditioning(report):
+        blocks.append(Text(undetermined))
     return blocks or [Text("Nothing: the model is unchanged.")]
 
 

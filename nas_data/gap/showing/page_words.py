@@ -11,7 +11,7 @@ from nas_data.errors import UnknownName
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_effects import EffectName, FittedParameter, NamedEffect
 from nas_data.gap.report_parts import GapErrors, Retuned, Unexplained
-from nas_data.gap.summary import is_from_initial_states
+from nas_data.gap.summary import DOUBTFUL, describe_open_joint, is_from_initial_states, is_retuned_far
 
 FRIENDLY = {
     "rad": ("°", 180 / math.pi),
@@ -113,7 +113,14 @@ def format_confidence(value: float) -> str:
 
 def list_remarks(effect: NamedEffect) -> list[str]:
     """Return sentences about an effect's alternatives and its typical sign."""
-    return [*describe_alternatives(effect), *describe_signature(effect.name)]
+    return [*describe_alternatives(effect), *describe_doubt(effect), *describe_signature(effect.name)]
+
+
+def describe_doubt(effect: NamedEffect) -> list[str]:
+    """Return a sentence if the remaining error contradicts an effect that is the same in every posture."""
+    if (effect.evidence.position_dependence or 0.0) < DOUBTFUL:
+        return []
+    return ["The error that remains depends on the position, so the effect may not be constant."]
 
 
 def describe_alternatives(effect: NamedEffect) -> list[str]:
@@ -172,9 +179,8 @@ def describe_retuned(report: GapReport) -> str:
     count = len(report.retuned)
     largest = max((abs(100 * (entry.factor - 1)) for entry in report.retuned), default=0.0)  # [%]
     numbers = "one number that it already has" if count == 1 else f"{count} numbers that it already has"
-    first = "No effect is named" if any(entry.is_large for entry in report.retuned) else "Nothing is missing"
     return (
-        f"{first}: {describe_model(report)} only needs {numbers} changed, by at most "
+        f"Nothing is missing: {describe_model(report)} only needs {numbers} changed, by at most "
         f"{largest:.0f} %, and the error on held-out episodes {describe_drop(report)}. "
         f"{describe_explained_rest(report)}"
     )
@@ -210,6 +216,12 @@ def describe_partly_explained(report: GapReport) -> str:
 def describe_unexplained(report: GapReport) -> str:
     """Describe a gap that no effect explains."""
     gap = report.gap
+    if is_retuned_far(report):
+        return (
+            f"No effect in the catalogue explains what {describe_model(report)} lacks{describe_places(report)}: the "
+            f"error on held-out episodes {describe_drop(report)} only if numbers that it already has change by more "
+            f"than 25 %. {describe_explained_rest(report)}"
+        )
     how = "when all its smooth parameters are fitted" if gap.delivered == "plain" else "when its own are retuned"
     is_undecided = report.experiments or not report.unexplained
     who = "this recording does not decide" if is_undecided else "no effect in the catalogue explains"
@@ -256,6 +268,8 @@ def describe_places(report: GapReport) -> str:
 
 def describe_rest(entry: Unexplained) -> str:
     """Return the remaining error of a joint."""
+    if entry.is_at_floor:
+        return f"{describe_open_joint(entry)}."
     ratio = format_figures(entry.ratio_to_noise, 2)
     return f"{entry.joint}: the error is still {ratio} times the noise; it correlates with {entry.goes_with}."
 
