@@ -171,7 +171,7 @@ def run(name: str, rest: list[str]) -> int:
     from nas_data.runs.progress import report_silence
 
     try:
-        with report_silence(f"nas {name} was called"):
+        with report_silence(f"the start of nas {name}"):
             outcome = command.run()
     except NasError as error:
         return fail(str(error), command.json)

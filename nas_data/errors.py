@@ -74,8 +74,9 @@ class JobsFailed(NasError, RuntimeError):
 class UnknownName(NasError, LookupError):
     """A name (robot, effect, excitation, dynamics …) that is not in its registry."""
 
-    def __init__(self, kind: str, name: str, choices: Iterable[str]) -> None:
-        super().__init__(f"There is no {kind} '{name}'; choose one of: {', '.join(sorted(choices))}.")
+    def __init__(self, kind: str, name: str, choices: Iterable[str], otherwise: str = "") -> None:
+        remedies = "; ".join(filter(None, [f"choose one of: {', '.join(sorted(choices))}", otherwise]))
+        super().__init__(f"There is no {kind} '{name}'; {remedies}.")
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle the message, because the constructor takes other arguments."""

@@ -55,6 +55,21 @@ class ImportRequest:
         radians = self.unwrap and self.map is None and self.calibration is None
         return ImportOptions(self.unit or ("rad" if radians else None), self.calibration, self.rate, self.uniform)
 
+    @property
+    def options(self) -> dict[str, object]:
+        """The arguments that differ from their defaults, beside the logs, as provenance stores them."""
+        given = {
+            "map": self.map and Path(self.map).name,
+            "unit": self.unit,
+            "calibration": self.calibration and self.calibration.name,
+            "model": self.model and Path(self.model).name,
+            "rate": self.rate,
+            "uniform": self.uniform,
+            "unwrap": self.unwrap,
+            "cut": self.cut,
+        }
+        return {name: value for name, value in given.items() if value}
+
 
 @dataclass(frozen=True)
 class Imported:
@@ -147,6 +162,8 @@ def read_logs(request: ImportRequest) -> Imported:
         result = replace(result, findings=(*result.findings, *doubts))
     if request.cut is not None:
         result = replace(result, dataset=cut_every(result.dataset, request.cut))
+    signal = {**(result.provenance.signal or {}), "options": request.options, "decisions": list(notes)}
+    result = replace(result, provenance=replace(result.provenance, signal=signal))
     return Imported(result, name, notes, mapping is not None)
 
 

@@ -29,14 +29,15 @@ Start = Literal["rest", "random"]
 
 FASTEST = 100_000.0  # [Hz] above any robot's control rate
 LONGEST = 86_400.0  # [s] an episode of a day
+ROBOT, DYNAMICS = "ergojr", "backlash"  # defaults
 SECONDS = 3.0  # [s] of an episode, as in the paper's recordings
 
 
 def record(
-    robot: str | Path = "ergojr",
+    robot: str | Path = ROBOT,
     *,
     env: str | None = None,
-    dynamics: str = "backlash",
+    dynamics: str = DYNAMICS,
     effects: Sequence[Effect | str] = (),
     report: GapReport | str | Path | None = None,
     excitation: Excitation | str = "steps",
@@ -88,11 +89,14 @@ def record(
         ModelFileError: the model cannot be used.
     """
     if env is None:
+        if dynamics != DYNAMICS:
+            raise OptionError("--dynamics is of an environment; add --env, or give effects with --effect.")
         body = find_robot(as_model(robot, actuators))
         readings = make_readings(body, noise, quantum, velocity_noise)
         target = make_target(body, readings, effects, report, rate, engine)
     else:
         own: dict[str, object] = {"rate": rate, "effect": effects, "effects": report, "joints": joints}
+        own |= {"robot": str(robot) != ROBOT}
         own |= {"actuators": actuators != "position", "start": start != "rest"}
         given = next((option for option, value in own.items() if value), None)
         if given:

@@ -175,7 +175,7 @@ class OnArm:
             },
             signal={
                 "policies": [str(path) for path in self.options.policies],
-                "weights": plan.weights(),
+                "weights": plan.hash_weights(),
                 "environment": environment,
                 "episodes": self.options.episodes,
             },

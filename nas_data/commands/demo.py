@@ -21,7 +21,7 @@ class Demo(Command):
     quick: bool = False
     """Run all stages within a minute, at sizes too small to learn anything."""
     names: bool = True
-    """Name effects with `nas gap` and train a policy with them; --no-names and --quick leave both out."""
+    """Whether to name effects with `nas gap` and to train a policy with them. --quick leaves both out, too."""
 
     def run(self) -> CommandResult:
         """Run every stage that is not finished yet."""

@@ -9,7 +9,7 @@ import tyro
 
 from nas_data.commands.base import Command, CommandResult
 from nas_data.count_of import count_of
-from nas_data.runs.progress import PAUSE, RateLimited, begin, say
+from nas_data.runs.progress import PAUSE, RateLimited, begin, format_duration, say
 
 if TYPE_CHECKING:
     from nas_data.api.importing import ImportRequest
@@ -88,7 +88,7 @@ class ImportLogs(Command):
         begin("writing the dataset")
         root = versions.save(result.dataset, result.provenance, out=self.out, name=name, attachments=result.attachments)
         derived = () if imported.mapped else result.provenance.derived.items()
-        lines = [*imported.notes, *(f"derived {key}: {how}" for key, how in derived)]
+        lines = [*imported.notes, *versions.describe_older(root), *(f"derived {key}: {how}" for key, how in derived)]
         text = "\n".join([_format_result(result, root), *(f"  {line}" for line in lines)])
         return CommandResult(text, _make_json(result, root, imported.notes))
 
@@ -121,11 +121,10 @@ def _check_default_name(request: "ImportRequest") -> None:
 def _format_result(result: "Import", root: Path) -> str:
     """Format the result and the findings of the audits."""
     dataset = result.dataset
-    minutes = dataset.n_frames / dataset.fps / 60
     lines = [
         f"{dataset.robot_type}: {count_of(dataset.n_episodes, 'episode')}, {count_of(dataset.n_frames, 'transition')} "
         f"at {dataset.fps:g} Hz "
-        f"({minutes:.1f} min), joints {', '.join(dataset.joints)}.",
+        f"({format_duration(dataset.n_frames / dataset.fps)}), joints {', '.join(dataset.joints)}.",
         *(_format_findings(result.findings) or ["The audits found no problem."]),
         f"The dataset is in {root}",
     ]

@@ -24,7 +24,8 @@ class Merge(Command):
     datasets: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="DATASET…")]
     """Datasets: folders, or datasets/NAME for the newest version of a name."""
     name: str | None = None
-    """Name of the result: the next version below datasets/NAME; next to the first dataset by default."""
+    """Name of the result: the next version below datasets/NAME; by default that of the first
+    dataset."""
     out: Path | None = None
     """Write to exactly this folder, which must not exist, instead of a version of datasets/NAME."""
 

@@ -31,7 +31,8 @@ class Pair(TakesModel):
     """A gap report's folder, or its effects.json: effects and retuned parameters to add to the source. None by
     default."""
     out: Path | None = None
-    """Write to exactly this folder, which must not exist; by default the new version lies next to the dataset."""
+    """Write to exactly this folder, which must not exist; the default is the next version of the dataset's name,
+    datasets/NAME."""
 
     def run(self) -> CommandResult:
         """Pair the dataset and write the new version."""
@@ -59,7 +60,7 @@ class Pair(TakesModel):
         provenance, kept = describe(paired)
         begin("writing the dataset")
         folder = versions.save(paired, provenance, out=self.out, parent=root, attachments=kept)
-        remarks = [pairing.remark] if pairing.remark else []
+        remarks = [*([pairing.remark] if pairing.remark else []), *versions.describe_older(folder)]
         lines = [*(f"derived {key}: {how}" for key, how in derived.items()), *remarks]
         done = (
             f"{count_of(paired.n_frames, 'transition')} of {count_of(paired.n_episodes, 'episode')} paired in "

@@ -36,7 +36,7 @@ class TrialErgojr(TryNames):
     mass: float = 0.02
     """Mass that you hang on the last link when asked [kg]; 0 to leave this change out."""
     lockstep: bool = True
-    """Simulate a virtual arm as fast as the machine can; --no-lockstep simulates it in real time."""
+    """Whether a virtual arm is simulated as fast as the machine can, or in real time."""
     calibration: Path | None = None
     """Calibration file; LeRobot's file of --id by default."""
     id: str = "ergojr"

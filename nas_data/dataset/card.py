@@ -1,5 +1,6 @@
 """The dataset card: `README.md` with the front matter that the Hugging Face Hub and LeRobot expect."""
 
+from nas_data.count_of import count_of
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import SIM_STATE
 from nas_data.dataset.provenance import Provenance
@@ -17,7 +18,7 @@ configs:
 """
 
 BODY = """
-# {robot}: {episodes} episodes, {frames} frames at {rate} Hz
+# {robot}: {episodes}, {frames} at {rate} Hz
 
 This dataset is in [LeRobot](https://github.com/huggingface/lerobot) v3.0 format and was written by nas_data.
 
@@ -47,8 +48,8 @@ def render_card(dataset: Dataset, provenance: Provenance) -> str:
     robot = dataset.robot_type.replace("\n", " ")
     body = BODY.format(
         robot=robot,
-        episodes=dataset.n_episodes,
-        frames=dataset.n_frames,
+        episodes=count_of(dataset.n_episodes, "episode"),
+        frames=count_of(dataset.n_frames, "frame"),
         rate=f"{dataset.fps:g}",
         how=provenance.how,
         when=provenance.when,

@@ -62,10 +62,7 @@ class Original:
                 "its content hash is recorded from now on."
             )
         elif self.provenance.content_hash != self.parent.content_hash:
-            yield (
-                f"{self.root} was changed after nas wrote it (LeRobot appended episodes?): "
-                "its provenance may not hold for all episodes."
-            )
+            yield describe_change(str(self.root))
 
 
 @dataclass(frozen=True)
@@ -81,6 +78,14 @@ class Derived:
     dataset: Dataset
     provenance: Provenance
     attachments: Mapping[str, bytes]
+
+
+def describe_change(dataset: str) -> str:
+    """Return a sentence about a dataset whose content its provenance does not describe."""
+    return (
+        f"{dataset} was changed after nas wrote it (LeRobot appended episodes?): "
+        "its provenance may not hold for all episodes."
+    )
 
 
 def read_attachments(root: Path, provenance: Provenance | None) -> dict[str, bytes]:
@@ -118,6 +123,12 @@ def inherit(originals: Sequence[Original], deed: str) -> Provenance:
         deed: Description of the change.
     """
     before = [original.provenance or make_unknown_provenance(original.dataset) for original in originals]
+    changes = [
+        describe_change(original.parent.name)
+        for original in originals
+        if original.provenance and original.provenance.content_hash != original.parent.content_hash
+    ]
+    notes = [*(item.notes for item in before), *changes, deed]
     return Provenance(
         how="edited",
         robot=find_common_value(item.robot for item in before) or originals[0].dataset.robot_type,
@@ -128,9 +139,7 @@ def inherit(originals: Sequence[Original], deed: str) -> Provenance:
         parents=_remove_duplicates(original.parent for original in originals),
         derived=_join_texts(item.derived for item in before),
         contiguous=all(item.contiguous for item in before),
-        notes="\n".join(
-            _remove_duplicates(line for note in [*(item.notes for item in before), deed] for line in note.splitlines())
-        ),
+        notes="\n".join(_remove_duplicates(line for note in notes for line in note.splitlines())),
     )
 
 

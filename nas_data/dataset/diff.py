@@ -7,7 +7,7 @@ import numpy as np
 
 from nas_data.dataset.content import convert_column, hash_content, hash_episodes
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import STATE, Feature
+from nas_data.dataset.features import STATE, TIME, Feature
 from nas_data.dataset.provenance import Provenance
 
 COMPARED = ("how", "robot", "source", "target", "signal", "seeds", "parents", "derived", "contiguous", "notes")
@@ -100,6 +100,8 @@ def compare_datasets(
     """
     shared = [key for key in a.features if key in b.features]
     same_kind = sorted(key for key in shared if _is_comparable(a.features[key], b.features[key]))
+    if same_kind == [TIME]:  # equal times make no equal episodes
+        same_kind = []
     hashes = [dict(enumerate(hash_episodes(d, same_kind) if same_kind else ())) for d in (a, b)]
     equal = match(hashes[0], hashes[1])
     rest = _find_unpaired_episodes(range(a.n_episodes), range(b.n_episodes), equal)

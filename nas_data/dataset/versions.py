@@ -51,6 +51,17 @@ def list_versions(folder: Path) -> list[Path]:
     return sorted(found, key=lambda path: (_number(path), path.name))
 
 
+def describe_older(root: Path) -> list[str]:
+    """Return a sentence if a version that was to be written exists already, and is not the newest of its name."""
+    newest = list_versions(root.parent)[-1:] if VERSION.fullmatch(root.name) else []
+    if not newest or newest[0].name == root.name:
+        return []
+    return [
+        f"{root} exists already with this content. {root.parent} stands for its newest version, {newest[0].name}: give "
+        f"{root} to other commands."
+    ]
+
+
 def find_paired_version(root: Path) -> Path | None:
     """Return the newest paired version in a dataset's folder; `nas pair` writes it there if that is datasets/NAME."""
     paired = [path for path in list_versions(root) if (path / SOURCE).is_file()]

@@ -251,9 +251,9 @@ def make_effect(name: str, joint: str | None, values: Mapping[str, object]) -> E
     values = {p.name: p.neutral for p in kind.parameters if p.spread} | dict(values)
     wrong = sorted(set(values) ^ known)
     if wrong:
-        raise OptionError(
-            f"{name} takes the parameters {', '.join(sorted(known))}; given: {', '.join(given) or 'none'}."
-        )
+        optional = {p.name for p in kind.parameters if p.spread}
+        takes = ", ".join([*sorted(known - optional), *(f"{other} (optional)" for other in sorted(optional))])
+        raise OptionError(f"{name} takes the parameters {takes}; given: {', '.join(given) or 'none'}.")
     if joint is None and not kind.whole_arm:
         raise OptionError(f"{name} belongs to a joint; give joint=NAME.")
     # text and truth values are not accepted as numbers

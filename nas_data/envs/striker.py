@@ -24,7 +24,7 @@ TOUCHED = 0.1  # [m] from tip to ball at which it counts as struck, likewise
 REACHED = 0.08  # [m] radius of the authors' goal disc
 
 GOAL_COST, EFFORT_COST, REACH_COST = 3.0, 0.1, 0.5  # per m, per N²m² and per m, the authors' reward
-LEAST, STRUCK, WHERE = 2, 3, slice(4, 7)  # indices of the memory after the goal's x and y
+SMALLEST_DISTANCE, IS_STRUCK, IMPACT_POINT = 2, 3, slice(4, 7)  # indices of the memory after the goal's x and y
 
 BACKLASH = tuple(f"backlash:joint={joint},half_width=0.15" for joint in ("pan", "elbow_flex", "wrist_flex"))
 
@@ -66,21 +66,23 @@ class Striker(Task):
     def follow(self, stepper: Stepper, goals: np.ndarray, elapsed: np.ndarray) -> np.ndarray:
         """Store the smallest distance of ball and goal, and where the ball was last struck."""
         goals, ball, tip = goals.copy(), compute_ball_positions(stepper), stepper.site_positions(TIP)
-        goals[:, LEAST] = np.minimum(goals[:, LEAST], np.linalg.norm(ball - compute_goal_positions(goals), axis=1))
+        goals[:, SMALLEST_DISTANCE] = np.minimum(
+            goals[:, SMALLEST_DISTANCE], np.linalg.norm(ball - compute_goal_positions(goals), axis=1)
+        )
         struck = np.linalg.norm(ball - tip, axis=1) < TOUCHED
-        goals[struck, STRUCK] = 1.0
-        goals[struck, WHERE] = tip[struck]
+        goals[struck, IS_STRUCK] = 1.0
+        goals[struck, IMPACT_POINT] = tip[struck]
         return goals
 
     def judge(self, stepper: Stepper, goals: np.ndarray, actions: np.ndarray) -> StepResult:
         """Reward a ball close to the goal, a tip close to the ball before the strike, and small torques."""
-        aim = np.where(goals[:, STRUCK, None] > 0, goals[:, WHERE], stepper.site_positions(TIP))
+        aim = np.where(goals[:, IS_STRUCK, None] > 0, goals[:, IMPACT_POINT], stepper.site_positions(TIP))
         away = np.linalg.norm(compute_ball_positions(stepper) - aim, axis=1)
         effort = np.square(self.command(actions)).sum(axis=1)
         return StepResult(
-            reward=-GOAL_COST * goals[:, LEAST] - EFFORT_COST * effort - REACH_COST * away,
+            reward=-GOAL_COST * goals[:, SMALLEST_DISTANCE] - EFFORT_COST * effort - REACH_COST * away,
             terminated=np.zeros(len(goals), dtype=bool),
-            success=goals[:, LEAST] < REACHED,
+            success=goals[:, SMALLEST_DISTANCE] < REACHED,
         )
 
     def hold(self, stepper: Stepper) -> np.ndarray:

@@ -13,6 +13,7 @@ from nas_data.gap.search.hypothesis import Hypothesis
 from nas_data.gap.search.search import Search
 
 REDRAWS = 400  # random draws of the episodes, with replacement
+UNSTABLE = 0.5  # factor on the confidence of a name in a joint on whose parameters two halves disagree
 CONSTANT_SHARE = 0.1  # share of a constant error by which an error that depends on the position contradicts it
 UNSURE_FLOORS = 2.0  # noise floors of a name's own joints above which its confidence may fall
 
@@ -28,6 +29,7 @@ class Support:
         left: Held-out error of its joints with it over that without it, everything else fitted again.
         position_dependence: For an effect that is the same in every posture, how far the remaining error contradicts
             that, 0 to 1; see `compute_position_dependence`. None for other effects.
+        stable: Whether two halves of the recording agree on the effects' parameters in its joint; None if unknown.
     """
 
     closest_rival: float
@@ -35,13 +37,15 @@ class Support:
     rest: float
     left: float
     position_dependence: float | None = None
+    stable: bool | None = None
 
     @property
     def confidence(self) -> float:
         """Probability that the name is right; docs/concepts/confidence.md explains the formula."""
         explained = max(math.sqrt(UNSURE_FLOORS / max(self.rest, UNSURE_FLOORS)), 1 - self.left)
         rival = max(self.closest_rival, self.position_dependence or 0.0)
-        return round((1 - 0.5 * rival) * self.chosen * explained, 3)
+        agreed = UNSTABLE if self.stable is False else 1.0
+        return round((1 - 0.5 * rival) * self.chosen * explained * agreed, 3)
 
 
 def measure_support(
@@ -51,6 +55,7 @@ def measure_support(
     without: Hypothesis,
     rivals: Sequence[Rival],
     joints: Sequence[int],
+    stable: bool | None,
 ) -> Support:
     """Return what a name of a hypothesis rests on.
 
@@ -61,6 +66,7 @@ def measure_support(
         without: Hypothesis without it, everything else fitted again.
         rivals: Its rivals, with its absence.
         joints: Indices of the joints that judge the name.
+        stable: Whether two halves of the recording agree in its joint; None if unknown.
     """
     own = list(joints)
     return Support(
@@ -69,6 +75,7 @@ def measure_support(
         rest=float(search.floor_ratios(kept)[own].max()),
         left=float(np.sqrt(kept.heldout[:, own].mean() / without.heldout[:, own].mean())),
         position_dependence=compute_position_dependence(search, kept, effect),
+        stable=stable,
     )
 
 

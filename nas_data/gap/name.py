@@ -201,7 +201,9 @@ def withdraw(search: Search, kept: Hypothesis) -> Hypothesis:
 
 def assess(search: Search, kept: Hypothesis, final: FinalFit, number: int) -> Finding:
     """Compare one effect with its absence and its rivals."""
-    joints = select_joints(search, kept.effects[number])
+    effect = kept.effects[number]
+    joints = select_joints(search, effect)
+    stable = final.stable.get(effect.joint) if effect.joint else None
 
     def rate(h: Hypothesis, effect: Effect | None = None, is_equivalent: bool = False) -> Rival:
         return Rival(h, effect, compute_closeness(search, kept, h), rms(h.heldout, joints), is_equivalent)
@@ -215,7 +217,7 @@ def assess(search: Search, kept: Hypothesis, final: FinalFit, number: int) -> Fi
     return Finding(
         effect=final.effects[number],
         interval=final.intervals[number],
-        support=measure_support(search, kept, kept.effects[number], without, rivals, joints),
+        support=measure_support(search, kept, effect, without, rivals, joints, stable),
         before=rivals[-1].error,
         after=rms(kept.heldout, joints),
         rivals=rivals,

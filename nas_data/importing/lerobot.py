@@ -124,6 +124,9 @@ def complete_map(mapping: Map, paths: Sequence[Path], options: ImportOptions) ->
         unit, why = choose_unit(mapping, np.concatenate(raw), motors)
     words = {"deg": "degrees", "range": "−100 … 100", "rad": "radians"}[unit]
     completed = with_raw_unit(mapping, unit, motors)
+    if unit != "deg":
+        head = f"# Positions that this map gives in degrees were read as {words} ({why}); see meta/nas.json.\n"
+        completed = replace(completed, text=head + mapping.text)
     notes = [f"Read as {words} ({why})."]
     units = zip(completed.joints, completed.position.conversion.units, strict=True)
     if shares := [joint for joint, held in units if held == NORMALISED]:

@@ -53,7 +53,7 @@ def load_map(name_or_path: str | Path) -> Map:
     shipped |= {robot: shipped[f"{robot}_lerobot"] for robot in alone}
     if not path.is_file() and not path.suffix and len(path.parts) == 1:
         if str(name_or_path) not in shipped:
-            raise UnknownName("map", str(name_or_path), [*shipped, "or the path of a TOML file"])
+            raise UnknownName("map", str(name_or_path), shipped, "or give the path of a TOML file")
         path = shipped[str(name_or_path)]
     try:
         text = path.read_text(encoding="utf-8")

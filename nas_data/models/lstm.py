@@ -7,6 +7,7 @@ import torch
 from huggingface_hub import PyTorchModelHubMixin
 from torch import Tensor, nn
 
+from nas_data.errors import OptionError
 from nas_data.models.presets import Corrected
 from nas_data.models.stiction import hold_below_threshold
 from nas_data.models.symmetry import Symmetry
@@ -77,7 +78,7 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
             layers: Number of LSTM layers; 3 in the paper.
             relative: Feed differences instead of absolute commands and predictions.
             shortcut: Add a linear map from inputs to outputs.
-            commands_effort: Whether commands are torques or velocities, which are fed unchanged.
+            commands_effort: Whether commands are fed unchanged, as torques and velocities are.
             fps: Control rate [Hz] of the data.
             provenance: Dataset (name, content hash), source and training options.
             corrects: Whether φ corrects the simulated next state (`state`) or the command (`command`).
@@ -86,19 +87,21 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
             stiction: Whether joints stand still below a threshold; only for φ that corrects states.
 
         Raises:
-            ValueError: the kind is unknown, or the options do not fit together.
+            OptionError: the kind is unknown, or the options do not fit together.
         """
         super().__init__()
         if kind not in get_args(Kind):
-            raise ValueError(f"kind is '{kind}', not delta or forward")
+            raise OptionError(f"kind is '{kind}'; choose delta or forward.")
         if corrects not in get_args(Corrected):
-            raise ValueError(f"corrects is '{corrects}', not state or command")
+            raise OptionError(f"corrects is '{corrects}'; choose state or command.")
         if corrects == "command" and not (kind == "delta" and commands_effort):
-            raise ValueError("only a delta model of a robot that takes torques corrects commands")
+            raise OptionError(
+                "Only a delta model of a robot that takes torques corrects commands; use corrects='state'."
+            )
         if (cyclic or mirror) and corrects == "state":
-            raise ValueError("only a model that corrects commands can have a symmetry")
+            raise OptionError("Only a model that corrects commands has a symmetry; leave out cyclic and mirror.")
         if stiction and (kind != "delta" or corrects != "state"):
-            raise ValueError("only φ that corrects states has stiction")
+            raise OptionError("Only a φ that corrects states has stiction; use stiction=False.")
         self.kind: Kind = kind
         self.joints = tuple(joints)
         self.relative = relative

@@ -153,10 +153,8 @@ def make_robot(request: RobotRequest, port: str, options: Mapping[str, str] | No
     """
     _register(request.kind)
     if request.kind not in RobotConfig.get_known_choices():
-        raise OptionError(
-            f"LeRobot has no robot '{request.kind}'; give --robot.type, one of: "
-            f"{', '.join(sorted(RobotConfig.get_known_choices()))}, so101_follower, so100_follower, koch_follower …."
-        )
+        known = sorted({*RobotConfig.get_known_choices(), "so101_follower", "so100_follower", "koch_follower"})
+        raise OptionError(f"LeRobot has no robot '{request.kind}'; give --robot.type, one of: {', '.join(known)} ….")
     given = {**(request.options if options is None else options), "port": port}
     output = io.StringIO()
     try:

@@ -28,7 +28,7 @@ from nas_data.dataset.passthrough import VIDEO_LEFT_OUT, PassthroughFeatures, sh
 from nas_data.dataset.provenance import Parent, Provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.recording import Recording
-from nas_data.dataset.transitions import VELOCITIES_DERIVED, estimate_velocities
+from nas_data.dataset.transitions import NEXT_DERIVED, VELOCITIES_DERIVED, estimate_velocities
 from nas_data.dataset.versions import make_parent, resolve
 from nas_data.errors import LogError
 from nas_data.importing.auditing import allow, audit
@@ -295,6 +295,7 @@ def _make_provenance(
 ) -> Provenance:
     """Return the source files, how they were read, and the audits' findings."""
     derived = {key: VELOCITIES_DERIVED for key in (STATE, NEXT_STATE) if mapping.derive_velocity}
+    derived[NEXT_STATE] = "; ".join(filter(None, [NEXT_DERIVED, derived.get(NEXT_STATE)]))
     if mapping.resample:
         how = f"resampled from {mapping.rate:g} to {mapping.resample.rate:g} Hz ({mapping.resample.method})"
         derived |= {key: "; ".join(filter(None, [derived.get(key), how])) for key in (STATE, NEXT_STATE)}
@@ -310,12 +311,29 @@ def _make_provenance(
                 for recording in recordings
             ],
         },
-        signal={"excitation": "recorded", "map": mapping.name, "alignment": mapping.alignment},
+        signal={
+            "excitation": "recorded",
+            "map": mapping.name,
+            "alignment": mapping.alignment,
+            "conversion": _describe_conversion(mapping),
+        },
         parents=tuple(_read_parent(log) for log in logs) if mapping.layout.format == "lerobot" else (),
         derived=derived,
         contiguous=True,
         notes="\n".join(f"{finding.check}: {Path(finding.file).name}: {finding.message}" for finding in findings),
     )
+
+
+def _describe_conversion(mapping: Map) -> dict[str, dict[str, object]]:
+    """Return the raw unit, gain and bias of each joint's positions and commands: SI = gain · raw + bias."""
+    quantities = {"position": mapping.position.conversion, "command": mapping.command.conversion}
+    return {
+        name: {
+            joint: {"unit": unit, "gain": float(gain), "bias": float(bias)}
+            for joint, unit, gain, bias in zip(mapping.joints, one.units, one.gain, one.bias, strict=True)
+        }
+        for name, one in quantities.items()
+    }
 
 
 def _read_parent(log: Path) -> Parent:

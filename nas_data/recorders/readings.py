@@ -13,10 +13,10 @@ class Readings:
     """Sensor model: Gaussian noise, then rounding to the sensor's resolution.
 
     Attributes:
-        noise: Standard deviation of the position noise [rad].
-        quantum: Resolution of the position [rad]; 0 for exact.
-        velocity_noise: Standard deviation of the noise in the velocity register [rad/s].
-        velocity_quantum: Resolution of the velocity register [rad/s]; 0 for exact.
+        noise: Standard deviation of the position noise [rad; slides m].
+        quantum: Resolution of the position [rad; m]; 0 for exact.
+        velocity_noise: Standard deviation of the noise in the velocity register [rad/s; m/s].
+        velocity_quantum: Resolution of the velocity register [rad/s; m/s]; 0 for exact.
     """
 
     noise: float = 0.0
@@ -33,8 +33,8 @@ class Readings:
         """Return the reported states, of the same shape.
 
         Args:
-            states: Positions [rad] then velocities [rad/s], shape (…, 2n). States of objects may follow; they are
-                reported unchanged.
+            states: Positions [rad; m] then velocities [rad/s; m/s], shape (…, 2n). States of objects may follow, and
+                are reported unchanged.
             rng: Source of the noise.
             joints: Number of joints n; required if states of objects follow.
         """

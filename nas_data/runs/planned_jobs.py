@@ -50,7 +50,9 @@ def format_jobs(jobs: Sequence[PlannedJob], workers: int) -> str:
         if done
         else f"roughly {rest} on a desktop computer; the estimate improves when some are done"
     )
-    return "\n".join([format_table(("job", "state", "time"), rows), f"{head}; the others take {basis}."])
+    return "\n".join(
+        [format_table(("job", "state", "time"), rows), f"{head}; {'the others' if done else 'they'} take {basis}."]
+    )
 
 
 def describe_jobs(jobs: Sequence[PlannedJob], workers: int) -> dict[str, object]:

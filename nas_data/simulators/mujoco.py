@@ -10,6 +10,7 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 
+from nas_data.count_of import join_items
 from nas_data.effects.base import Effect
 from nas_data.errors import ModelFileError
 from nas_data.mjcf.engine_warnings import collect_instability
@@ -266,9 +267,11 @@ class MujocoSimulator:
             where = unstable[0]
         else:
             return
+        added = join_items(sorted({effect.name() for effect in self.effects}))
         raise ModelFileError(
-            f"{self.robot.mjcf} diverges in MuJoCo ({where}); "
-            "shorten its timestep, soften its gains or check its inertias."
+            f"{self.robot.mjcf} diverges in MuJoCo ({where}){f' with {added}' if added else ''}; "
+            + ("give its joints an armature, use integrator='implicitfast', " if added else "")
+            + "shorten its timestep, soften its gains or check its inertias."
         )
 
 

@@ -51,6 +51,8 @@ def test_each_doubt_lowers_the_confidence():
     assert Support(closest_rival=1.0, chosen=1.0, rest=1.0, left=0.9).confidence == 0.5
     assert Support(closest_rival=0.0, chosen=0.6, rest=1.0, left=0.9).confidence == 0.6
     assert Support(closest_rival=0.0, chosen=1.0, rest=8.0, left=0.9).confidence == 0.5
+    assert Support(closest_rival=0.0, chosen=1.0, rest=1.0, left=0.1, stable=False).confidence == 0.5
+    assert Support(closest_rival=0.0, chosen=1.0, rest=1.0, left=0.1, stable=None).confidence == 1.0
 
 
 def make_offset_search(wave: float) -> tuple[SimpleNamespace, SimpleNamespace]:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from nas_data.dataset.audits.base import AuditFinding, Expected, find_radian_equivalents, list_row_numbers
-from nas_data.dataset.audits.velocity import LATEST, STEP, VelocityFit, fit_register
+from nas_data.dataset.audits.velocity import DELAY_STEP_PERIODS, MAX_DELAY_PERIODS, VelocityFit, fit_register
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.rows import find_row_spans
 
@@ -29,7 +29,9 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
         if not recording.velocities[:, index].any():
             continue
         fit = fit_register(recording, index, 1 / expected.rate)
-        delays = [fit.delay] if fit else np.arange(-1.0, LATEST + STEP, STEP).tolist()  # [periods]
+        delays = (
+            [fit.delay] if fit else np.arange(-1.0, MAX_DELAY_PERIODS + DELAY_STEP_PERIODS, DELAY_STEP_PERIODS).tolist()
+        )  # [periods]
         fits = [VelocityFit(fit.factor if fit else 1.0, delay) for delay in delays]
         radian = float(radians[index])
         wrong = min(
@@ -81,7 +83,7 @@ def _find_frozen_rows(recording: Recording, expected: Expected, index: int, radi
     position, register = recording.positions[:, index], recording.velocities[:, index]
     frozen = np.zeros(len(recording), bool)
     for first, last in find_row_spans(np.flatnonzero(np.diff(position) == 0) + 1):
-        late = register[first + int(LATEST) : last + 1]
+        late = register[first + int(MAX_DELAY_PERIODS) : last + 1]
         if (
             (last - first + 1) / expected.rate < FROZEN
             or not late.size

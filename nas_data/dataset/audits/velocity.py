@@ -16,9 +16,12 @@ AVERAGING_TIME = 0.05  # [s] on either side over which velocities are averaged: 
 HALVES_TOLERANCE = 0.25  # relative difference up to which both halves of a span count as equal
 SLOWEST = 0.1  # share of the greatest speed below which a row is ignored
 MIN_MOVING_ROWS = 50  # fewest rows in motion for a factor
-LATEST, LONGEST = 6.0, 0.06  # [periods], [s] largest delay that is tried
-STEP, FINEST = 0.25, 1e-3  # [periods], [s] step of the tried delays
-LATE, LEAST = 0.6, 3e-3  # [periods], [s] smallest delay that is reported
+MAX_DELAY_PERIODS = 6.0  # [periods] largest delay that is tried …
+MAX_DELAY_TIME = 0.06  # [s] … and in seconds
+DELAY_STEP_PERIODS = 0.25  # [periods] step of the tried delays …
+MIN_DELAY_STEP = 1e-3  # [s] … and its least
+LATE_PERIODS = 0.6  # [periods] smallest delay that is reported …
+LATE_TIME = 3e-3  # [s] … and in seconds
 MIN_CORRELATION = 0.9  # correlation above which register and difference are the same motion
 FACTOR_NOTED = 1.15  # a register's filter reduces the amplitude by a few percent
 SPEED_WINDOW = 0.2  # [s]
@@ -45,20 +48,20 @@ class VelocityFit:
     Attributes:
         factor: Register over difference.
         delay: Delay of the register [periods].
-        way: Share of the distance to its command that the joint moves in one row.
+        travel_share: Share of the distance to its command that the joint moves in one row.
     """
 
     factor: float
     delay: float
-    way: float = 0.0
+    travel_share: float = 0.0
 
-    def explained(self) -> bool:
+    def may_be_sampling(self) -> bool:
         """Whether the sampling alone may explain the difference of register and positions.
 
         A joint that reaches its command within a row is fast after each new command and slow when it is sampled. Its
         sampled velocity is then below its mean velocity in every row, and arbitrary if it overshoots.
         """
-        return self.way > OVERSHOT or (self.way > FAST and 0 < self.factor < 1)
+        return self.travel_share > OVERSHOT or (self.travel_share > FAST and 0 < self.factor < 1)
 
 
 def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
@@ -72,12 +75,16 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     }
     positional = dict(zip(recording.joints, expected.find_commanded(recording.joints, POSITION), strict=True))
     # How soon a joint responds to a torque or speed command is unknown.
-    fits = {joint: fit if positional[joint] else replace(fit, way=1.0) for joint, fit in fits.items()}
+    fits = {joint: fit if positional[joint] else replace(fit, travel_share=1.0) for joint, fit in fits.items()}
     found = _report_silent_registers(recording, expected) + _report_wrong_scales(recording, expected, fits)
     if expected.derived:  # the register is then only an extra signal
         found = [replace(finding, error=False) for finding in found]
-    least = LEAST * expected.rate
-    late = {joint: fit.delay for joint, fit in fits.items() if fit.delay >= max(LATE + (fit.way > FAST), least)}
+    least = LATE_TIME * expected.rate
+    late = {
+        joint: fit.delay
+        for joint, fit in fits.items()
+        if fit.delay >= max(LATE_PERIODS + (fit.travel_share > FAST), least)
+    }
     if late and not expected.derived:
         delay = float(np.median(list(late.values())))
         what = (
@@ -124,26 +131,27 @@ def fit_register(recording: Recording, index: int, period: float) -> VelocityFit
 
     best = undelayed = compare(0.0)
     if undelayed[0] > MIN_IMPROVEMENT:  # otherwise no delay improves the fit clearly
-        step = max(STEP * period, FINEST)
+        step = max(DELAY_STEP_PERIODS * period, MIN_DELAY_STEP)
         delayed = min(
-            compare(float(number * step)) for number in range(-1, int(max(LATEST * period, LONGEST) / step) + 2)
+            compare(float(number * step))
+            for number in range(-1, int(max(MAX_DELAY_PERIODS * period, MAX_DELAY_TIME) / step) + 2)
         )
         # The motion may be too steady to show its delay.
         best = delayed if delayed[0] < undelayed[0] - MIN_IMPROVEMENT else undelayed
     apart, delay, factor = best
     if apart > UNLIKE_DISTANCE:
         return None
-    way = _estimate_travel_share(recording, index)
-    if undelayed[0] > MIN_IMPROVEMENT and way <= FAST:  # otherwise both delays are equivalent
+    travel_share = _estimate_travel_share(recording, index)
+    if undelayed[0] > MIN_IMPROVEMENT and travel_share <= FAST:  # otherwise both delays are equivalent
         delay = _find_delay(time, position, register, period) or delay
-    return VelocityFit(factor, delay / period, way)
+    return VelocityFit(factor, delay / period, travel_share)
 
 
 def _find_delay(time: np.ndarray, position: np.ndarray, register: np.ndarray, period: float) -> float | None:
     """Return the delay [s] at which register and differenced position agree best over all rows; None if nowhere."""
     difference, middles = np.diff(position) / np.diff(time), (time[1:] + time[:-1]) / 2
     best: tuple[float, float | None] = (MIN_CORRELATION, None)
-    for delay in np.arange(-1.0, LATEST + STEP, STEP) * period:
+    for delay in np.arange(-1.0, MAX_DELAY_PERIODS + DELAY_STEP_PERIODS, DELAY_STEP_PERIODS) * period:
         delayed = np.interp(time - delay, middles, difference)
         size = float(np.linalg.norm(delayed) * np.linalg.norm(register))
         likeness = abs(float(delayed @ register)) / size if size else 0.0
@@ -188,7 +196,7 @@ def _report_silent_registers(recording: Recording, expected: Expected) -> list[A
 def _report_wrong_scales(recording: Recording, expected: Expected, fits: dict[str, VelocityFit]) -> list[AuditFinding]:
     """Report joints whose register has another sign or scale than the position."""
     found = []
-    wrong = [joint for joint, fit in fits.items() if fit.factor < 0 and not fit.explained()]
+    wrong = [joint for joint, fit in fits.items() if fit.factor < 0 and not fit.may_be_sampling()]
     if wrong:
         what = f"the velocity of {', '.join(wrong)} has the sign opposite to the differenced position"
         remedy = "correct 'sign' in [read.velocity] or [read.position]"
@@ -197,10 +205,10 @@ def _report_wrong_scales(recording: Recording, expected: Expected, fits: dict[st
         size = abs(fit.factor)
         if 1 / FACTOR_NOTED < size < FACTOR_NOTED:
             continue
-        near = EXACT_FACTOR_TOLERANCE if fit.explained() else FACTOR_TOLERANCE
+        near = EXACT_FACTOR_TOLERANCE if fit.may_be_sampling() else FACTOR_TOLERANCE
         factors = (KNOWN_OF_SLIDES if joint in expected.slides else KNOWN).items()
         known = next((name for factor, name in factors if _is(size, factor, near) or _is(size, 1 / factor, near)), None)
-        if fit.explained() and known is None:
+        if fit.may_be_sampling() and known is None:
             continue
         reason = f", the factor between {known}" if known else ""
         what = f"the velocity of {joint} is {size:.3g} times the differenced position{reason}"

@@ -1,4 +1,4 @@
-"""Candidate experiments, each for one property of a drive, reduced until they do the arm no harm."""
+"""Candidate experiments, each for one property of a drive, whose range is reduced until nothing collides."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ SHARES = (1.0, 0.6, 0.35, 0.2, 0.1, 0.05)  # shares of the command range, tried 
 CONTACT_INTERVAL = 0.05  # [s] between contact checks
 
 SECONDS = 12.0  # [s] duration without the approach
-TRANSFER_SPEED = 1.0  # [rad/s or N·m/s] speed between postures
+TRANSFER_SPEED = 1.0  # [rad/s or N·m/s; slides m/s or N/s] speed between postures
 POSTURES = 4  # postures with small reversals
 POSTURE_RANGE = 0.5  # share of a half range that contains the postures
 REVERSAL_AMPLITUDE = 0.04  # amplitude of small reversals over a half range, a few times a servo's play
-REVERSAL = 1.2  # [s] period of small reversals
-REVERSALS = 2.4  # [s] duration in each posture
+REVERSAL_PERIOD = 1.2  # [s] period of small reversals
+POSTURE_SECONDS = 2.4  # [s] duration in each posture
 LEVELS = (-0.6, -0.2, 0.2, 0.6, 0.4, 0.0, -0.4)  # of a hold grid over a half range, reached from both sides
 MOST_CONCERNED = 2  # most joints that are moved one at a time
 HOLD_SECONDS = 1.0  # [s] at each level
@@ -36,7 +36,7 @@ class ExperimentDesign:
     Attributes:
         name: Kind of commands.
         moved: Joints that it excites.
-        commands: Commands from the rest pose [rad or N·m], shape (T, n).
+        commands: Commands from the rest pose [rad or N·m; slides m or N], shape (T, n).
     """
 
     name: str
@@ -46,7 +46,7 @@ class ExperimentDesign:
 
 def draw_small_reversals(room: CommandRange, moving: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Draw small triangle waves in several postures, which load the joints differently."""
-    turns = room.period * np.arange(room.steps(REVERSALS)) / REVERSAL
+    turns = room.period * np.arange(room.steps(POSTURE_SECONDS)) / REVERSAL_PERIOD
     swing = (2 / np.pi * np.arcsin(np.sin(2 * np.pi * turns)))[:, None] * REVERSAL_AMPLITUDE * room.span * moving
     here, parts = room.home, []
     for posture in room.middle + POSTURE_RANGE * room.span * rng.uniform(-1, 1, (POSTURES, len(room.home))):

@@ -101,7 +101,7 @@ class EvaluationPlan:
         listed = [folder for found in self.folders for folder in found]
         return [(self.policies[folder], SEED + number) for folder in listed for number in range(self.episodes)]
 
-    def weights(self) -> list[str]:
+    def hash_weights(self) -> list[str]:
         """Return the SHA-256 of each policy's weights, in playing order."""
         files = [folder / WEIGHTS for found in self.folders for folder in found]
         return [hashlib.sha256(file.read_bytes()).hexdigest() for file in files]
