@@ -394,6 +394,15 @@ def test_parts_of_a_report_have_short_reprs(page):
     assert max(len(repr(part)) for part in (report, report.gap, report.find, report.effects[0])) < 120
 
 
+def test_a_dataset_that_was_changed_after_it_was_written_says_so_and_so_do_its_pairs(ds, arm, tmp_path, capsys):
+    root = ds.save(tmp_path / "datasets/arm")
+    content = json.loads((root / "meta/nas.json").read_text())
+    (root / "meta/nas.json").write_text(json.dumps({**content, "content_hash": "0" * 64}))
+    paired = nas.pair(nas.Dataset.load(root), model=arm)
+    assert "was changed after nas wrote it" in capsys.readouterr().err
+    assert "its provenance may not hold" in read_provenance(paired.save(tmp_path / "datasets/paired")).notes
+
+
 def test_a_dataset_cannot_be_changed_and_equals_itself_only(ds):
     for array in (ds.states, ds.commands):
         with pytest.raises(ValueError, match="read-only"):

@@ -13,7 +13,7 @@ from support.version_samples import FEW, SIMULATED, original
 
 from nas_data.cli import main
 from nas_data.dataset.diff import compare_datasets
-from nas_data.dataset.features import ACTION, SIM_STATE, STATE
+from nas_data.dataset.features import ACTION, SIM_STATE, STATE, TIME, make_time_feature
 from nas_data.dataset.write import write
 
 
@@ -110,6 +110,15 @@ def test_diff_answers_equal_content_of_other_provenance_with_zero(folder, capsys
     text = capsys.readouterr().out
     assert "have equal content" in text and "provenance seeds: [3] in A, [4] in B" in text
     assert main(["diff", str(a), "nowhere"]) == 2
+
+
+def test_episodes_that_share_their_times_only_are_not_equal():
+    first = recorded()
+    first = first.with_column(TIME, make_time_feature(), np.arange(float(first.n_frames))[:, None])
+    second = replace(first, features=dict(first.features), columns=dict(first.columns))
+    other = second.without_columns(second.features.keys() - {TIME})
+    assert compare_datasets(first, other).equal_episodes == 0
+    assert compare_datasets(first, second).equal_episodes == first.n_episodes
 
 
 def test_diff_names_rate_robot_and_joints():

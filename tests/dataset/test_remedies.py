@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from support.changed_columns import set_values
 from support.command_samples import refused
 from support.dataset_samples import recorded
 from support.import_samples import columns_of, map_text, motion, write_log, write_map
@@ -91,8 +92,7 @@ def without(key: str) -> Callable[[Dataset], Dataset]:
 
 
 def with_nan(dataset: Dataset) -> Dataset:
-    dataset.columns[ACTION][7, 1] = np.nan
-    return dataset
+    return set_values(dataset, ACTION, (7, 1), np.nan)
 
 
 def with_empty_episode(dataset: Dataset) -> Dataset:

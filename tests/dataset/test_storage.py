@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
+from support.changed_columns import set_values
 from support.dataset_samples import any_dataset, recorded, same
 
 from nas_data.dataset import layout, staging
@@ -143,8 +144,7 @@ def test_keys_that_lerobot_cannot_hold_are_refused(tmp_path, key):
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_values_that_are_not_finite_are_named_by_episode_and_frame(tmp_path, value):
-    dataset = recorded()
-    dataset.columns[ACTION][5 + 3, 1] = value
+    dataset = set_values(recorded(), ACTION, (5 + 3, 1), value)
     with pytest.raises(DatasetInvalid, match=r"'action' \(m2.pos\).*episode 1, frame 3"):
         write(dataset, tmp_path / "d", SIMULATED)
 

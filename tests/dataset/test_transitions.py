@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.changed_columns import set_values
 from support.dataset_samples import recorded
 
 from nas_data.dataset.dataset import Dataset
@@ -76,8 +77,8 @@ def test_short_episodes_have_velocities_too():
 
 
 def test_velocities_do_not_reach_across_episodes():
-    dataset = positions_only()
-    dataset.columns[STATE][9:] += 5.0
+    whole = positions_only()
+    dataset = set_values(whole, STATE, slice(9, None), whole.states[9:] + 5.0)
     jumped, _ = as_transitions(dataset)
     plain, _ = as_transitions(positions_only())
     assert np.allclose(jumped.states[:, 2:], plain.states[:, 2:], atol=1e-3)
@@ -177,8 +178,7 @@ def test_a_recording_without_commands_is_refused():
 
 @pytest.mark.parametrize("key", [STATE, ACTION])
 def test_degrees_are_refused_by_their_size(key):
-    dataset = positions_only()
-    dataset.columns[key][3, 1] = -90.0
+    dataset = set_values(positions_only(), key, (3, 1), -90.0)
     with pytest.raises(DatasetInvalid, match=rf"'{key}' of joint b reaches 90.*nas import --map"):
         as_transitions(dataset)
 

@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from support.changed_columns import set_values
 from support.dataset_samples import recorded
 
 from nas_data.cli import main
@@ -153,8 +154,8 @@ def test_who_records_and_who_checks_take_the_same_rows_for_late(tmp_path, delay,
 
 @pytest.mark.parametrize("contiguous", [True, False])
 def test_torn_transitions_are_a_problem_only_where_a_chain_was_promised(tmp_path, contiguous):
-    dataset = recorded(lengths=(20, 30))
-    dataset.columns["next.observation.state"][3, 0] += 0.5
+    whole = recorded(lengths=(20, 30))
+    dataset = set_values(whole, "next.observation.state", (3, 0), whole.next_states[3, 0] + 0.5)
     found = _written(tmp_path, dataset, replace(RECORDED, contiguous=contiguous))
     assert any("In 1 frame " in text for text in (found.problems if contiguous else found.notes))
     assert bool(found.problems) == contiguous

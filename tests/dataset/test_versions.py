@@ -45,6 +45,17 @@ def test_equal_content_is_not_written_twice(tmp_path):
     assert len(list((tmp_path / "arm").iterdir())) == 2
 
 
+def test_an_older_version_that_exists_already_is_told(tmp_path):
+    first = write_version(recorded(), "arm", SIMULATED, tmp_path)
+    assert versions.describe_older(first) == []
+    second = write_version(recorded(seed=1), "arm", SIMULATED, tmp_path)
+    again = write_version(recorded(), "arm", SIMULATED, tmp_path)
+    (said,) = versions.describe_older(again)
+    assert said.startswith(f"{first} exists already") and second.name in said
+    assert versions.describe_older(second) == []
+    assert versions.describe_older(write(recorded(), tmp_path / "plain", SIMULATED)) == []
+
+
 def test_processes_that_write_at_once_never_share_a_number(tmp_path):
     context = multiprocessing.get_context("spawn")
     workers = [context.Process(target=write_some, args=(str(tmp_path), worker)) for worker in range(2)]

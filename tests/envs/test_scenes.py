@@ -147,6 +147,10 @@ def test_a_source_without_the_dataset_s_objects_starts_from_its_reference_and_sa
 def test_options_that_an_environment_brings_itself_are_refused(capsys):
     assert main(["record", "sim", "--env", "Pusher", "--rate", "50"]) == 2
     assert "--rate cannot be combined with --env" in capsys.readouterr().err
+    assert main(["record", "sim", "--env", "Pusher", "--robot", "pendulum"]) == 2
+    assert "--robot cannot be combined with --env" in capsys.readouterr().err
+    assert main(["record", "sim", "--robot", "pendulum", "--dynamics", "bigger-gap"]) == 2
+    assert "--dynamics is of an environment; add --env" in capsys.readouterr().err
 
 
 # The opponent

@@ -89,6 +89,37 @@ def test_degrees_and_ranges_are_the_same_numbers_as_radians(here, capsys):
             assert other["joints"][joint]["one_step"] == pytest.approx(gaps[0]["joints"][joint]["one_step"], rel=0.01)
 
 
+def test_an_import_records_how_values_were_read(here):
+    motors = write_calibration(here / "cal.json", JOINTS, turned=("j2",))
+    write_lerobot(here / "d", scaled(30.0))
+    options = {
+        "rad": ["--unit", "rad", "--unwrap"],
+        "deg": ["--unit", "deg", "--cut", "0.4"],
+        "range": ["--unit", "range", "--calibration", "cal.json"],
+    }
+    gains = {}
+    for unit, given in options.items():
+        if unit == "rad":
+            write_lerobot(here / "r", motions())
+        folder = imported("r" if unit == "rad" else "d", *given)
+        provenance = read_provenance(folder)
+        read_as = provenance.signal["conversion"]["position"]
+        assert {line["unit"] for line in read_as.values()} == {unit}
+        gains[unit] = [line["gain"] for line in read_as.values()]
+        assert provenance.signal["options"]["unit"] == unit
+        assert "as given by --unit" in provenance.signal["decisions"][0]
+        head = (folder / "meta/import_map.toml").read_text().splitlines()[0]
+        assert head.startswith("# Positions that this map gives in degrees were read as") is (unit != "deg")
+        assert "state of the following frame" in provenance.derived["next.observation.state"]
+        assert "velocities" in provenance.derived["next.observation.state"]
+    spans = [motor["range_max"] - motor["range_min"] for motor in motors.values()]
+    signs = [-1 if motor["drive_mode"] else 1 for motor in motors.values()]
+    assert gains["rad"] == pytest.approx([1.0] * 2)
+    assert gains["deg"] == pytest.approx([np.pi / 180] * 2)
+    expected = [sign * span / 200 * 2 * np.pi / 4095 for sign, span in zip(signs, spans, strict=True)]
+    assert gains["range"] == pytest.approx(expected)
+
+
 def so101(unit: str, motors: dict, rng: np.random.Generator) -> tuple[list, np.ndarray]:
     """Two episodes of six motors read in ticks, and the angles about the middles of their ranges [rad]."""
     ticks = 2000 + np.cumsum(rng.integers(-12, 13, (80, 6)), axis=0)
