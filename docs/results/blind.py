@@ -129,6 +129,28 @@ class Blind:
         heads = ["hidden", "cases", "found", "wrong names", "wrong with confidence ≥ 0.8", "called complete"]
         return markdown_table([*heads, "intervals with the true value"], rows)
 
+    def outside_runs(self, *seeds: int) -> str:
+        """Return the table of seeds with causes outside the catalogue, alone or beside effects, in all settings."""
+        rows = []
+        for seed in seeds:
+            cases = [c for c in self._cases if c["seed"] == seed and find_family(c) in ("outside", *BESIDE)]
+            called = [case["called_complete"] for case in cases if case.get("called_complete") is not None]
+            held = [bool(e["covered"]) for case in cases for e in case["parameters"] if e["covered"] is not None]
+            settings = sorted({case["setting"] for case in cases})
+            rows.append(
+                [
+                    str(seed),
+                    f"`{cases[0]['commit']}`",
+                    str(len(cases)),
+                    self.effects_found((seed,), *settings),
+                    self.sure(seed),
+                    f"{sum(called)} of {len(called)}",
+                    f"{sum(held)} of {len(held)}",
+                ]
+            )
+        heads = ["seed", "commit", "cases", "effects named", "names of 0.9 or more that are right", "called complete"]
+        return markdown_table([*heads, "intervals with the true value"], rows)
+
     def effects_found(self, seeds: Sequence[int], *settings: str) -> str:
         """Return how many effects of the catalogue are named in cases with a cause outside it, of how many."""
         cases = [case for seed in seeds for setting in settings for case in self._of(seed, setting)]
