@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 
 
 def as_read_only(array: Array) -> Array:
-    """Return a view of an array through which it cannot be changed."""
+    """Return a view of an array through which it cannot be changed; one that is read-only already is returned."""
+    if not array.flags.writeable:
+        return array
     view = array.view()
     view.flags.writeable = False
     return view

@@ -323,7 +323,7 @@ def test_mistakes_are_answered_with_choices():
         parse("gremlins:joint=m1")
     with pytest.raises(OptionError, match="half_width"):
         parse("backlash:joint=m3,width=0.1")
-    with pytest.raises(OptionError, match=r"half_width, stiffness; given: none\."):
+    with pytest.raises(OptionError, match=r"half_width, stiffness \(optional\); given: none\."):
         parse("backlash:joint=m3")
     with pytest.raises(OptionError, match="belongs to a joint"):
         parse("backlash:half_width=0.1")

@@ -127,7 +127,7 @@ def test_what_cannot_be_is_no_model():
         network("forward", commands_effort=True, corrects="command")
     with pytest.raises(ValueError, match="corrects commands has a symmetry"):
         network("delta", commands_effort=True, cyclic=("m1",))
-    with pytest.raises(ValueError, match="not state or command"):
+    with pytest.raises(ValueError, match="choose state or command"):
         network("delta", corrects="speed")
 
 

@@ -375,7 +375,7 @@ def test_a_trial_that_another_process_did_meanwhile_is_read(place, tmp_path, mon
 def test_jobs_are_listed_with_their_times_and_none_is_run(place, here):
     options = ("--kinds", "forward,named", "--counts", "2,4", "--seeds", "0", "--out", "run")
     listed = done("ablate", place.paired, *options, "--dry-run")
-    assert "4 jobs, 0 done; the others take roughly" in listed.out and "named, 2 episodes, seed 0" in listed.out
+    assert "4 jobs, 0 done; they take roughly" in listed.out and "named, 2 episodes, seed 0" in listed.out
     assert not list(Path().iterdir())
     done("ablate", place.paired, *options[:1], "forward", *options[2:], *BRIEF)
     content = done("ablate", place.paired, *options, *BRIEF, "--dry-run", "--workers", "2", "--json").json
