@@ -79,20 +79,20 @@ def compose(
     before, after = (compute_floor_ratios(part.squares, held.floors) for part in (outcome.before, outcome.after))
     dataset, model = problem.names
     retuned = tuple(from_json(Retuned, entry) for entry in list_retuned(naming.final))
-    large = () if naming.findings else find_large(retuned)
+    named, added = len(naming.findings), len(naming.final.effects)
+    large = () if named or added else find_large(retuned)
+    verdict = decide_verdict(before, after, named, added, len(retuned), len(large))
     conditioning = float(f"{naming.final.conditioning:.3g}")
     return GapReport(
         dataset=dataset,
         model=model,
-        verdict=decide_verdict(
-            before, after, len(naming.findings), len(naming.final.effects), len(retuned), len(large)
-        ),
+        verdict=verdict,
         effects=tuple(
             describe_finding(finding, held.nominal, outcome.contains(finding.effect)) for finding in naming.findings
         ),
         retuned=retuned,
         joints=describe_joints(held, naming, after),
-        unexplained=find_unexplained(held, outcome.after.positions, after, large),
+        unexplained=find_unexplained(held, outcome.after.positions, after, large if verdict == "unexplained" else ()),
         gap=measure_gap(held, outcome, conditioning),
         conditioning=conditioning,
         shares=measure_shares(held, outcome),

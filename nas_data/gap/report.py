@@ -52,7 +52,8 @@ class GapReport:
         effects: Missing effects, highest confidence first.
         retuned: Changed parameters of the model.
         joints: Completeness of each joint.
-        unexplained: Joints with an error above the noise, largest first.
+        unexplained: Joints whose gap has no name: those with an error above the noise, largest first, then those at the
+            noise only with a large change of a parameter.
         gap: Errors before and after.
         conditioning: Condition number of the final fit; above 10⁶, the data do not determine all parameters.
         shares: Explained shares of the gap.
