@@ -108,7 +108,7 @@ def test_one_step_lets_the_memory_run_and_open_loop_its_own_state():
         memory, squares = model.initial_memory(1), []
         for row in range(rows.start, rows.stop):
             inputs = (dataset.states, dataset.commands, dataset.sim_states)
-            after, memory = model.next_states(*(torch.from_numpy(column[row])[None, None] for column in inputs), memory)
+            after, memory = model.next_states(*(torch.tensor(column[row])[None, None] for column in inputs), memory)
             squares.append(float(after[0, 0, 0] - dataset.next_states[row, 0]) ** 2)
         assert result.one_step["source + φ"].squared[episode, 0] == pytest.approx(np.mean(squares), rel=1e-4)
 

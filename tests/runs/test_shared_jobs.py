@@ -126,21 +126,19 @@ def test_running_jobs_end_before_they_are_released(tmp_path):
 
 
 def interrupt(jobs, is_begun) -> None:
-    """Interrupt this thread while it waits for jobs; again if Python ignored it, as it does within a finaliser."""
-    over = threading.Event()
+    """Interrupt this thread while it waits for jobs."""
 
     def send() -> None:
         while not is_begun():
             time.sleep(0.05)
         os.kill(os.getpid(), signal.SIGINT)
-        if not over.wait(30):
-            os.kill(os.getpid(), signal.SIGINT)
 
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background processes ignore it
     threading.Thread(target=send).start()
     try:
         next(jobs)
     finally:
-        over.set()
+        signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.parametrize("number", [errno.ENOSYS, errno.ENOLCK])
