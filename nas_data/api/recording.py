@@ -96,8 +96,7 @@ def record(
         target = make_target(body, readings, effects, report, rate, engine)
     else:
         own: dict[str, object] = {"rate": rate, "effect": effects, "effects": report, "joints": joints}
-        own |= {"robot": str(robot) != ROBOT}
-        own |= {"actuators": actuators != "position", "start": start != "rest"}
+        own |= {"robot": str(robot) != ROBOT, "actuators": actuators != "position", "start": start != "rest"}
         given = next((option for option, value in own.items() if value), None)
         if given:
             raise OptionError(

@@ -54,6 +54,11 @@ class Original:
         """Unaltered files that are not part of LeRobot's format, such as the source model."""
         return read_attachments(self.root, self.provenance)
 
+    @cached_property
+    def is_changed(self) -> bool:
+        """Whether the content is not the one that its provenance describes."""
+        return self.provenance is not None and self.provenance.content_hash not in ("", self.parent.content_hash)
+
     def remarks(self) -> Iterator[str]:
         """Yield a sentence on each loss or doubt in datasets made from it."""
         if self.provenance is None:
@@ -61,7 +66,7 @@ class Original:
                 f"{self.root} has no provenance (LeRobot wrote it, or LeRobot's tools made it): its origin is unknown; "
                 "its content hash is recorded from now on."
             )
-        elif self.provenance.content_hash != self.parent.content_hash:
+        elif self.is_changed:
             yield describe_change(str(self.root))
 
 
@@ -123,11 +128,7 @@ def inherit(originals: Sequence[Original], deed: str) -> Provenance:
         deed: Description of the change.
     """
     before = [original.provenance or make_unknown_provenance(original.dataset) for original in originals]
-    changes = [
-        describe_change(original.parent.name)
-        for original in originals
-        if original.provenance and original.provenance.content_hash != original.parent.content_hash
-    ]
+    changes = [describe_change(original.parent.name) for original in originals if original.is_changed]
     notes = [*(item.notes for item in before), *changes, deed]
     return Provenance(
         how="edited",

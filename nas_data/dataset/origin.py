@@ -13,7 +13,7 @@ import numpy as np
 from nas_data.dataset import versions
 from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.derive_provenance import describe_change, make_unknown_provenance, read_attachments
+from nas_data.dataset.derive_provenance import Original, describe_change, make_unknown_provenance
 from nas_data.dataset.external import audit_external
 from nas_data.dataset.joints import NAMES, REMEDY, SAME_NAMES
 from nas_data.dataset.layout import PROVENANCE
@@ -71,13 +71,13 @@ def load(path: Path, episodes: Sequence[int] = ()) -> Dataset:
     root = versions.resolve(path)
     recorded = read(root)
     dataset, derived, noticed = audit_external(root, recorded.select(episodes) if episodes else recorded)
-    before = read_provenance(root)
-    changed = before is not None and before.content_hash not in ("", hash_content(recorded))
-    noticed = (*noticed, *([describe_change(str(root))] if changed else []))
+    original = Original(root, recorded, read_provenance(root))
+    kept, before = original.attachments, original.provenance or make_unknown_provenance(recorded)
+    notes = [before.notes]
+    if original.is_changed:
+        noticed = (*noticed, describe_change(str(root)))
+        notes.append(describe_change(original.parent.name))
     warn(noticed)
-    kept = read_attachments(root, before)
-    before = before or make_unknown_provenance(recorded)
-    notes = [before.notes, *([describe_change(versions.find_dataset_name(root))] if changed else [])]
     provenance = replace(before, derived={**before.derived, **derived}, notes="\n".join(filter(None, notes)))
     return replace(dataset, origin=Origin(dataset, provenance, derived, root, recorded, kept, noticed))
 

@@ -81,7 +81,7 @@ def compose(
     retuned = tuple(from_json(Retuned, entry) for entry in list_retuned(naming.final))
     named, added = len(naming.findings), len(naming.final.effects)
     large = () if named or added else find_large(retuned)
-    verdict = decide_verdict(before, after, named, added, len(retuned), len(large))
+    verdict = decide_verdict(before, after, named, added + len(large), len(retuned))
     conditioning = float(f"{naming.final.conditioning:.3g}")
     return GapReport(
         dataset=dataset,

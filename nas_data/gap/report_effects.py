@@ -7,6 +7,7 @@ from nas_data.joint_units import HINGE
 
 NAME = {"key": "effect"}
 OPTIONAL = {"optional": True}
+CONTRADICTED = 0.5  # position dependence from which a constant effect is doubted in words
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,6 +72,11 @@ class Evidence:
     closest_rival: float | None = field(default=None, metadata=OPTIONAL)
     chosen: float | None = field(default=None, metadata=OPTIONAL)
     position_dependence: float | None = field(default=None, metadata=OPTIONAL)
+
+    @property
+    def contradicts_constant(self) -> bool:
+        """Whether the remaining error contradicts that the effect is the same in every posture."""
+        return self.position_dependence is not None and self.position_dependence >= CONTRADICTED
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -20,7 +20,6 @@ RETUNED_FAR = (
     "Unexplained: no effect in the catalogue accounts for the gap, but parameters that the model has reduce it to the "
     "noise, changed by more than 25 %."
 )
-DOUBTFUL = 0.5  # position dependence from which a constant effect is doubted in words
 LARGEST_CONDITION_NUMBER = 1e6  # above which the data do not determine all parameters
 UNDECIDED = "Unexplained: this recording does not decide which effect is missing."
 IN_MOTION = (
@@ -160,7 +159,7 @@ def describe_effect(effect: NamedEffect) -> str:
         if second.joint != effect.joint:  # the same name at another place is another explanation
             rival += f" {second.joint}" if second.joint else " of the whole arm"
         line += f" (runner-up {rival}: {unit.text(second.heldout_error_after)})"
-    if (errors.position_dependence or 0.0) >= DOUBTFUL:
+    if errors.contradicts_constant:
         line += "; the error that remains depends on the position, so it may not be constant"
     return line
 

@@ -10,24 +10,22 @@ NO_GAP = 1.25  # noise floors up to which the given model has no gap
 EXPLAINED_VERDICTS = ("explained", "retuned")  # verdicts of models at the noise floor
 
 
-def decide_verdict(
-    before: np.ndarray, after: np.ndarray, named: int, added: int = 0, changed: int = 1, large: int = 0
-) -> str:
+def decide_verdict(before: np.ndarray, after: np.ndarray, named: int, unnamed: int = 0, changed: int = 1) -> str:
     """Return the verdict.
 
     Args:
         before: Held-out error of the given model over the floor, shape (n,).
         after: The same with effects and retuned base parameters, shape (n,).
         named: Number of named effects.
-        added: Number of effects in the model, which a plain fit has without naming them.
+        unnamed: Number of causes in the model without a name: effects that a plain fit adds, and base parameters that
+            changed by more than 25 %.
         changed: Number of changed base parameters.
-        large: How many of them changed by more than 25 %, which no effect of the catalogue can name.
     """
     if named:
         return "explained" if after.max() <= EXPLAINED else "partly_explained"
     if before.max() <= NO_GAP:
         return "none"
-    if after.max() > EXPLAINED or added or large:
+    if after.max() > EXPLAINED or unnamed:
         return "unexplained"
     return "retuned" if changed else "none"
 

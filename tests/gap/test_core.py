@@ -304,13 +304,13 @@ def test_verdicts(before: list[float], after: list[float], effects: int, expecte
 
 
 def test_a_plain_fit_that_adds_effects_is_no_retuned_model():
-    assert decide_verdict(np.array([4.0]), np.array([1.0]), named=0, added=2) == "unexplained"
+    assert decide_verdict(np.array([4.0]), np.array([1.0]), named=0, unnamed=2) == "unexplained"
 
 
 def test_a_change_of_more_than_25_percent_is_no_retuning():
     before, after = np.array([4.0]), np.array([1.0])
-    assert decide_verdict(before, after, named=0, changed=2, large=1) == "unexplained"
-    assert decide_verdict(before, after, named=1, changed=2, large=1) == "explained"
+    assert decide_verdict(before, after, named=0, unnamed=1, changed=2) == "unexplained"
+    assert decide_verdict(before, after, named=1, unnamed=1, changed=2) == "explained"
 
 
 def test_a_model_in_which_nothing_changed_is_not_retuned():

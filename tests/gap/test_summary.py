@@ -1,5 +1,7 @@
 """The text summary of a gap report."""
 
+from dataclasses import replace
+
 import pytest
 from support.report_samples import gap_report
 
@@ -38,6 +40,15 @@ def named(joint: str | None, rival: str, rival_joint: str | None) -> GapReport:
 )
 def test_a_runner_up_at_another_place_is_told_with_its_place(joint, rival, rival_joint, said):
     assert said in "\n".join(list_findings(named(joint, rival, rival_joint)))
+
+
+def test_an_offset_that_varies_with_the_position_is_doubted_in_words():
+    for dependence, is_doubted in ((0.9, True), (0.2, False), (None, False)):
+        report = named("waist", "backlash", "waist")
+        (effect,) = report.effects
+        evidence = replace(effect.evidence, position_dependence=dependence)
+        said = "\n".join(list_findings(replace(report, effects=(replace(effect, evidence=evidence),))))
+        assert ("so it may not be constant" in said) is is_doubted
 
 
 def test_a_gap_that_an_experiment_would_decide_is_not_said_to_lie_outside_the_catalogue():

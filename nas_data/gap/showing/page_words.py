@@ -11,7 +11,7 @@ from nas_data.errors import UnknownName
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_effects import EffectName, FittedParameter, NamedEffect
 from nas_data.gap.report_parts import GapErrors, Retuned, Unexplained
-from nas_data.gap.summary import DOUBTFUL, describe_open_joint, is_from_initial_states, is_retuned_far
+from nas_data.gap.summary import describe_open_joint, is_from_initial_states, is_retuned_far
 
 FRIENDLY = {
     "rad": ("°", 180 / math.pi),
@@ -118,7 +118,7 @@ def list_remarks(effect: NamedEffect) -> list[str]:
 
 def describe_doubt(effect: NamedEffect) -> list[str]:
     """Return a sentence if the remaining error contradicts an effect that is the same in every posture."""
-    if (effect.evidence.position_dependence or 0.0) < DOUBTFUL:
+    if not effect.evidence.contradicts_constant:
         return []
     return ["The error that remains depends on the position, so the effect may not be constant."]
 
