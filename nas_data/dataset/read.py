@@ -110,7 +110,9 @@ class Rows:
             table = read_parquet(path, list(features), file)
             for key, column in columns.items():
                 if key not in table.column_names:
-                    raise DatasetInvalid(f"{path} has no column '{key}', which the dataset has; restore it from a copy.")
+                    raise DatasetInvalid(
+                        f"{path} has no column '{key}', which the dataset has; restore it from a copy."
+                    )
                 _copy(table[key], column[start : start + len(table)], f"{path}, column '{key}'")
             start += len(table)
         return cls(columns)
