@@ -237,18 +237,33 @@ def warn_of_overlaps(dataset: Dataset, simulator: Simulator) -> list[str]:
         return []
     path, found = simulator.robot.mjcf, []
     postures = dataset.states[_choose_postures(dataset), : len(dataset.joints)]
-    for (one, other), distance in find_lasting_overlaps(simulator, postures).items():
+    for pair, distance in find_lasting_overlaps(simulator, postures).items():
+        bodies = [simulator.model.body(index) for index in pair]
+        one, other = (describe_body(simulator.model, index) for index in pair)
         remedy = (
             "take the <collision> of one of them out of the model"
             if path.suffix == URDF
-            else f'write <contact><exclude body1="{one}" body2="{other}"/></contact>'
+            else '{}write <contact><exclude body1="{}" body2="{}"/></contact>'.format(
+                "" if all(body.name for body in bodies) else "name both bodies and ",
+                *(body.name or "…" for body in bodies),
+            )
         )
         found.append(
-            f"'{one}' and '{other}' of {path} overlap in nearly all measured postures, by up to {-1e3 * distance:.2g} "
+            f"{one} and {other} of {path} overlap in nearly all measured postures, by up to {-1e3 * distance:.2g} "
             f"mm, so that their contact pushes the joints: {remedy} if the robot's parts do not touch there"
         )
     warn(found)
     return found
+
+
+def describe_body(model: mujoco.MjModel, body: int) -> str:
+    """Return the quoted name of a body; without a name, in words, by its joint or its parent."""
+    own = model.body(body)
+    if own.name:
+        return f"'{own.name}'"
+    if int(own.jntnum[0]):
+        return f"the body of joint '{model.joint(int(own.jntadr[0])).name}'"
+    return f"a body without a name in {describe_body(model, int(own.parentid[0]))}"
 
 
 def _choose_postures(dataset: Dataset) -> np.ndarray:

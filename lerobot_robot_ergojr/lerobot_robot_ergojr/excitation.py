@@ -11,7 +11,7 @@ from lerobot_robot_ergojr.config_ergojr import ErgoJrExcitationConfig
 from nas_data.dataset.features import make_position_feature
 from nas_data.excitations.base import parse
 from nas_data.hardware.xl320.joints import make_ergojr_joints
-from nas_data.recorders.arm_plan import RETURN_SECONDS, MotionPlan, draw_plan
+from nas_data.recorders.arm_plan import RETURN_SECONDS, MotionLimits, MotionPlan, draw_plan
 from nas_data.recorders.session import PlaybackProtocol
 from nas_data.robots.ergojr import JOINTS, RATE, ROBOT
 
@@ -60,7 +60,7 @@ class ErgoJrExcitation(Teleoperator):
         protocol = PlaybackProtocol(
             excitation=parse(config.excitation), episodes=config.motions, seconds=config.seconds, seed=config.seed
         )
-        self._commands = in_a_row(draw_plan(ROBOT, protocol, RATE, config.speed))
+        self._commands = in_a_row(draw_plan(ROBOT, protocol, MotionLimits(RATE, config.speed)))
 
     def calibrate(self) -> None:
         """Do nothing."""

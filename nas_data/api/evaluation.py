@@ -20,7 +20,6 @@ from nas_data.api.learned_model import LearnedModel
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import kept_folders
 from nas_data.errors import ModelFileError, NasError, OptionError
-from nas_data.gap.problem import read_registers
 from nas_data.log import warn
 from nas_data.models import checkpoint
 from nas_data.models.evaluation import PLAIN, Evaluation
@@ -29,10 +28,10 @@ from nas_data.pairing import warn_of_overlaps, warn_of_ranges
 from nas_data.robots.base import find_robot, list_robot_names
 from nas_data.runs.progress import silence
 from nas_data.simulators.base import Simulator
-from nas_data.simulators.servo_registers import NO_REGISTERS
+from nas_data.simulators.engines import MUJOCO
+from nas_data.simulators.servo_registers import NO_REGISTERS, ServoRegisters
 from nas_data.sources import SourceModel, locate_source
 
-MUJOCO = "mujoco"
 MODEL = "model"  # name of a model file that is compared with its source
 
 
@@ -83,7 +82,7 @@ def evaluate(
         if model_to_test is not None:
             checkpoint.check_fits(model_to_test.network, recorded, own[0])
         source = find_evaluation_source(model_to_test, given, engine, [*own, *folders])
-        known = read_registers(recorded, None) if alone else NO_REGISTERS  # φ knows the source of its pairing
+        known = ServoRegisters.of(recorded) if alone else NO_REGISTERS  # φ knows the source of its pairing
         simulator = source.with_registers(known).simulator(recorded) if source else None
         if simulator is not None and given is not None:
             warn_of_ranges(recorded, find_robot(given))

@@ -30,6 +30,7 @@ from nas_data.recorders.logs import Import
 from nas_data.recorders.logs import import_logs as import_by_map
 from nas_data.runs.progress import silence
 from nas_data.simulators.against_model import check as check_against_model
+from nas_data.simulators.against_model import find_hinge_centres
 
 LEROBOT = "lerobot"
 
@@ -152,7 +153,7 @@ def read_logs(request: ImportRequest) -> Imported:
         dataset, provenance, findings = import_dataset(request.logs[0], request.lerobot_options)
         result = Import(dataset, provenance, subtasks([resolve(request.logs[0])]), findings)
     else:
-        name, result = mapping.robot, import_by_map(request.logs, mapping, request.progress, request.unwrap)
+        name, result = mapping.robot, import_by_map(request.logs, mapping, request.progress, find_centres(request))
         if request.calibration is not None:
             kept = {CALIBRATION_ATTACHMENT: request.calibration.read_bytes()}
             result = replace(result, attachments={**result.attachments, **kept})
@@ -179,7 +180,7 @@ def find_map(request: ImportRequest) -> tuple[Map | None, tuple[str, ...]]:
     if request.map is None:
         path = request.logs[0]
         check_dataset(path)
-        text = map_text(path, request.unit, request.model)
+        text = map_text(path, options.unit, request.model)
         generated = parse_map(MapSection(tomllib.loads(text), f"the map of {path}"), "generated", text)
         mapping = replace(generated, remedies=BY_OPTIONS)
     else:
@@ -190,6 +191,13 @@ def find_map(request: ImportRequest) -> tuple[Map | None, tuple[str, ...]]:
     if given:
         raise OptionError(f"--{given} is for LeRobot datasets; for logs, set it in the map {request.map}.")
     return mapping, ()
+
+
+def find_centres(request: ImportRequest) -> dict[str, float] | None:
+    """Return the middle of the range of the model's hinges [rad], to unwrap encoders; None if that is not asked for."""
+    if not request.unwrap:
+        return None
+    return find_hinge_centres(request.model) if request.model is not None else {}
 
 
 def find_middles(mapping: Map | None, calibration: Path | None) -> dict[str, float]:

@@ -27,7 +27,7 @@ from nas_data.simulators.engines import load_simulator
 
 Start = Literal["rest", "random"]
 
-FASTEST = 100_000.0  # [Hz] above any robot's control rate
+SLOWEST, FASTEST = 0.01, 100_000.0  # [Hz] below and above any robot's control rate
 LONGEST = 86_400.0  # [s] an episode of a day
 ROBOT, DYNAMICS = "ergojr", "backlash"  # defaults
 SECONDS = 3.0  # [s] of an episode, as in the paper's recordings
@@ -141,8 +141,8 @@ def make_target(
         OptionError: the control rate is invalid.
     """
     rate = robot.rate if rate is None else rate
-    if not 0 < rate <= FASTEST:
-        raise OptionError(f"--rate is {rate}; it must be above 0 and at most {FASTEST:g} Hz.")
+    if not SLOWEST <= rate <= FASTEST:
+        raise OptionError(f"--rate is {rate}; it must be in {SLOWEST:g} … {FASTEST:g} Hz.")
     named = None if report is None else as_correction(report)
     added = [*(named.effects if named else ())]
     added += [parse_effect(effect) if isinstance(effect, str) else effect for effect in effects]

@@ -98,13 +98,13 @@ class RecordArm(Command):
     def run(self) -> CommandResult:
         """Record the episodes that are not saved yet, and write the dataset."""
         from nas_data.dataset.incremental_writer import IncrementalWriter
-        from nas_data.dataset.versions import check_destination
+        from nas_data.dataset.versions import check_destination, make_name
         from nas_data.dataset.write_lock import hold_write_lock
         from nas_data.recorders.recording_folder import choose_recording_folder
 
         protocol, step = self._protocol(), self.step
         task = self.commands.stem if self.commands else protocol.excitation.name()
-        name = self.name or f"{self.kind}_{task}"
+        name = self.name or make_name(f"{self.kind}_{task}")
         check_destination(out=self.out, name=name)
         with hold_write_lock(root := choose_recording_folder(name, self.out)):
             growing = IncrementalWriter(root)
@@ -133,6 +133,7 @@ class RecordArm(Command):
                 largest_step=step,
             )
             plan, provenance = self._plan(growing, protocol, restrict_to_arm(robot, driver)), self._provenance(protocol)
+            provenance = replace(provenance, signal={**protocol.signal(), "largest_step": step})
             check_same_arm(growing, replace(provenance, target={**description, **(provenance.target or {})}))
             job = Job(setup=setup, plan=plan, hot=self.hot, provenance=provenance)
             clock = SteppedClock() if self.lockstep else MonotonicClock()
@@ -144,15 +145,16 @@ class RecordArm(Command):
     def _plan(self, growing: "IncrementalWriter", protocol: "PlaybackProtocol", robot: "Robot") -> "MotionPlan":
         """Return the plan of the recording; raise OptionError if a resumed recording has another plan."""
         from nas_data.recorders.arm import PLAN
-        from nas_data.recorders.arm_plan import MotionPlan, draw_plan, plan_key
+        from nas_data.recorders.arm_plan import MotionLimits, MotionPlan, draw_plan, plan_key
         from nas_data.recorders.recording_folder import make_other_recording_error
 
+        limits = MotionLimits(self.rate, self.speed, self.step)
         if not growing.episodes:
-            return draw_plan(robot, protocol, self.rate, self.speed, Counting("planned"))
+            return draw_plan(robot, protocol, limits, Counting("planned"))
         if not (growing.root / PLAN).is_file():  # recordings of policy rollouts have no plan
             raise make_other_recording_error(growing.root, "another command")
         plan = MotionPlan.from_bytes((growing.root / PLAN).read_bytes())
-        if plan.key != plan_key(robot, protocol, self.rate, self.speed):
+        if plan.key != plan_key(robot, protocol, limits):
             raise make_other_recording_error(growing.root, "other options")
         return plan
 
@@ -223,4 +225,4 @@ def restrict_to_arm(robot: "Robot", driver: "Driver") -> "Robot":
     if robot.joints == driver.names:
         return robot
     rest = dict(zip(robot.joints, robot.rest, strict=False))
-    return replace(robot, joints=driver.names, rest=tuple(rest.get(name, 0.0) for name in driver.names))
+    return replace(robot, joints=driver.names, rest=tuple(rest[name] for name in driver.names if name in rest))

@@ -28,8 +28,8 @@ class Evaluate(TakesModel):
     dataset: tyro.conf.Positional[Path]
     """Dataset to evaluate on; it need not be paired."""
     model: str | None = None
-    """Source: the model that φ corrects, or that a model file is compared with. Default: the one stored with the
-    checkpoint or dataset."""
+    """Source: the model that φ corrects, or that a model file is compared with. Default: of φ and ψ, the one stored
+    with the checkpoint or dataset; a model file is then evaluated alone, as `source`."""
     engine: str | None = None
     """Physics engine of the source: mujoco or bullet. Default: that of the pairing if it is stored, else mujoco."""
     episodes: tuple[int, ...] = ()

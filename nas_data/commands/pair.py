@@ -60,7 +60,7 @@ class Pair(TakesModel):
         provenance, kept = describe(paired)
         begin("writing the dataset")
         folder = versions.save(paired, provenance, out=self.out, parent=root, attachments=kept)
-        remarks = [*([pairing.remark] if pairing.remark else []), *versions.describe_older(folder)]
+        remarks = [*pairing.remarks, *versions.describe_older(folder)]
         lines = [*(f"derived {key}: {how}" for key, how in derived.items()), *remarks]
         done = (
             f"{count_of(paired.n_frames, 'transition')} of {count_of(paired.n_episodes, 'episode')} paired in "

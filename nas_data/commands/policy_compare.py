@@ -51,6 +51,7 @@ class PolicyCompare(LongCommand):
         import json
 
         from nas_data.atomic_file import write_atomic
+        from nas_data.envs.base import find_task
         from nas_data.envs.loop.dynamics_spec import DynamicsSpec
         from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare, list_runs
         from nas_data.policies.dry_run import plan_runs
@@ -66,12 +67,13 @@ class PolicyCompare(LongCommand):
                 "--delta-named corrects a source with named effects; give these effects as well: --effects DIR."
             )
         target = DynamicsSpec(self.env, self.dynamics, engine=self.engine)
-        methods = {EXPERT_METHOD: target, SOURCE_METHOD: DynamicsSpec(self.env)}
+        source = DynamicsSpec(self.env, find_task(self.env).find_source(self.dynamics))
+        methods = {EXPERT_METHOD: target, SOURCE_METHOD: source}
         for name, checkpoint in (("nas", self.delta), ("forward", self.forward)):
             if checkpoint is not None:
-                methods[name] = DynamicsSpec(self.env, checkpoint=str(checkpoint))
+                methods[name] = replace(source, checkpoint=str(checkpoint))
         if self.effects is not None:
-            methods["named"] = DynamicsSpec(self.env, effects=str(self.effects))
+            methods["named"] = replace(source, effects=str(self.effects))
         if self.delta_named is not None:
             methods["named_nas"] = replace(methods["named"], checkpoint=str(self.delta_named))
         study = Study(target, methods, self.seed, self.frames, self.episodes)

@@ -11,6 +11,9 @@ from nas_data.count_of import count_of
 from nas_data.environment_ids import TARGET_DYNAMICS
 from nas_data.errors import OptionError
 
+SPEED, LARGEST_STEP = 1.745, 3.2  # [rad/s; rad] 100°/s as in the paper; a step that limits nothing
+ID, DEFENDER_ID = "ergojr", "ergojr_defender"
+
 
 @dataclass(frozen=True, kw_only=True)
 class PolicyEvaluate(Command):
@@ -31,7 +34,8 @@ class PolicyEvaluate(Command):
     on: Literal["target", "source", "named", "ergojr"] = "target"
     """Where to evaluate: the target, the plain model, the model with named effects, or the arm itself."""
     dynamics: str = TARGET_DYNAMICS
-    """Dynamics of the target, such as backlash or paper; an unknown name lists all."""
+    """Dynamics of the target, such as backlash or paper; an unknown name lists all. With --on source or named, the
+    source that belongs to them."""
     engine: Literal["mujoco", "bullet"] = "mujoco"
     """Physics engine of the evaluation."""
     effects: Path | None = None
@@ -55,14 +59,14 @@ class PolicyEvaluate(Command):
     command resumes after the last saved episode."""
     finish: bool = False
     """Roll out no more episodes: write the dataset of the saved ones."""
-    speed: float = 1.745
+    speed: float = SPEED
     """Speed limit in the servos [rad/s], 100°/s as in the paper; 0 for none. Use that of the recording
     from which the policy's model was made."""
-    largest_step: float = 3.2
+    largest_step: float = LARGEST_STEP
     """Largest difference between successive commands [rad]."""
-    id: str = "ergojr"
+    id: str = ID
     """Name of the arm, which selects its calibration."""
-    defender_id: str = "ergojr_defender"
+    defender_id: str = DEFENDER_ID
     """Name of the second arm, which selects its calibration."""
     lockstep: bool = False
     """Simulate virtual arms as fast as the machine can, instead of in real time."""
@@ -91,6 +95,10 @@ class PolicyEvaluate(Command):
             "--lockstep": self.lockstep,
             "--finish": self.finish,
             "--apart": self.apart != "bodies",
+            "--speed": self.speed != SPEED,
+            "--largest-step": self.largest_step != LARGEST_STEP,
+            "--id": self.id != ID,
+            "--defender-id": self.defender_id != DEFENDER_ID,
         }
         simulations = {"--engine": self.engine != "mujoco", "--dynamics": self.dynamics != TARGET_DYNAMICS}
         unused = [option for option, given in (simulations if self.port else arms).items() if given]
@@ -98,14 +106,15 @@ class PolicyEvaluate(Command):
             raise OptionError(f"Evaluation on '{self.on}' takes no {unused[0]}; see: nas policy evaluate --help.")
 
     def _evaluate_in_simulation(self) -> CommandResult:
-        from nas_data.envs.base import SOURCE
+        from nas_data.envs.base import find_task
         from nas_data.envs.loop.dynamics_spec import DynamicsSpec
         from nas_data.policies.evaluate import format_policy_table, score_baselines, score_group
         from nas_data.policies.policy import find_policies, load_policy
 
         first = load_policy(find_policies(self.policies[0])[0])
         effects = None if self.effects is None else str(self.effects)
-        dynamics = self.dynamics if self.on == "target" else SOURCE
+        source = find_task(first.environment).find_source(self.dynamics)
+        dynamics = self.dynamics if self.on == "target" else source
         plant = DynamicsSpec(first.environment, dynamics, effects=effects, engine=self.engine, missed=self.missed)
         stepper = plant.stepper(self.episodes)
         groups = [score_group(path, plant, self.episodes, stepper) for path in self.policies]

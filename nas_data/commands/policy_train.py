@@ -34,7 +34,8 @@ class PolicyTrain(LongCommand):
     """A gap report's folder, or its effects.json: needed with --on named, and with augmented if φ corrects this
     model."""
     dynamics: str = TARGET_DYNAMICS
-    """Dynamics of the target with --on target, such as backlash or paper; an unknown name lists all."""
+    """Dynamics of the target, such as backlash or paper; an unknown name lists all. With another --on, policies are
+    trained on the source that belongs to them."""
     engine: Literal["mujoco", "bullet"] = "mujoco"
     """Physics engine, for all but ψ; a policy of one engine may be evaluated in the other."""
     frames: int = 2_000_000
@@ -99,13 +100,13 @@ class PolicyTrain(LongCommand):
             raise OptionError(f"--frames is {self.frames}; it must be 1 or more.")
         if not self.seed or len(set(self.seed)) < len(self.seed) or min(self.seed) < 0:
             raise OptionError(f"--seed {' '.join(map(str, self.seed))}: give different numbers, 0 or more.")
-        from nas_data.envs.base import SOURCE
+        from nas_data.envs.base import find_task
         from nas_data.envs.loop.dynamics_spec import DynamicsSpec
         from nas_data.policies.ppo import PolicyTraining
 
         plant = DynamicsSpec(
             environment=self.env,
-            dynamics=self.dynamics if self.on == "target" else SOURCE,
+            dynamics=self.dynamics if self.on == "target" else find_task(self.env).find_source(self.dynamics),
             checkpoint=None if self.checkpoint is None else str(self.checkpoint),
             effects=None if self.effects is None else str(self.effects),
             engine=self.engine,
@@ -129,5 +130,5 @@ def suggest_evaluation(folder: Path, dynamics: str, known: Sequence[str]) -> str
         dynamics: Value of --dynamics.
         known: Dynamics of the environment; the last one is suggested if `dynamics` is none of them.
     """
-    chosen = dynamics if dynamics in known else known[-1]
+    chosen = dynamics.removesuffix("-source") if dynamics in known else known[-1]
     return f"nas policy evaluate {folder}" + (f" --dynamics {chosen}" if chosen != TARGET_DYNAMICS else "")

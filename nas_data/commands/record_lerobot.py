@@ -1,5 +1,6 @@
 """Record episodes from any arm that LeRobot supports, or from a virtual one."""
 
+import math
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from nas_data.recorders.lerobot_robot import RobotRequest
     from nas_data.robots.base import Robot
 
+LARGEST_JUMP = 0.2  # [rad] between two commands; these servos have no speed limit of their own
 OWN = ("type", "port", "id", "option")  # options after --robot. that are read here
 
 
@@ -94,6 +96,12 @@ class RecordLerobot(RecordArm):
         """Largest difference between successive commands [rad]."""
         if not self.speed > 0:
             raise OptionError(f"--speed is {self.speed:g}; it must be above zero.")
+        if self.speed / self.rate > LARGEST_JUMP:
+            least = math.ceil(self.speed / LARGEST_JUMP)
+            raise OptionError(
+                f"At --rate {self.rate:g} and --speed {self.speed:g} the arm would jump by "
+                f"{self.speed / self.rate:.2g} rad between commands; give --rate {least} or more, or a lower --speed."
+            )
         return self.speed / self.rate
 
     def arm_model(self) -> "Robot":

@@ -70,7 +70,7 @@ class RecordSim(TakesModel):
         from nas_data.api.recording import record
         from nas_data.dataset.content import hash_content
         from nas_data.dataset.origin import describe
-        from nas_data.dataset.versions import check_destination, save
+        from nas_data.dataset.versions import check_destination, make_name, save
 
         began = time.monotonic()
         check_destination(out=self.out, name=self.name or "dataset")
@@ -98,7 +98,7 @@ class RecordSim(TakesModel):
             progress=RateLimited(first=PAUSE),
         )
         provenance, _ = describe(dataset)
-        name = self.name or f"{dataset.robot_type}_{dataset.tasks[0]}"
+        name = self.name or make_name(f"{dataset.robot_type}_{dataset.tasks[0]}")
         begin("writing the dataset")
         path = save(dataset, provenance, out=self.out, name=name)
         took = time.monotonic() - began

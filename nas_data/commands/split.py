@@ -87,7 +87,7 @@ class Split(Command):
 
     def _cut(self, seconds: float) -> CommandResult:
         """Cut the episodes in time and write the result."""
-        from nas_data.dataset.cutting import cut_every
+        from nas_data.dataset.cutting import cut_every, find_original_episodes
         from nas_data.dataset.derive_provenance import Original, inherit
         from nas_data.dataset.versions import check_name, find_home, write_version
 
@@ -96,7 +96,8 @@ class Split(Command):
         target = self.name or f"{name}_cut"
         check_name(target)
         dataset = cut_every(original.dataset, seconds)
-        provenance = inherit([original], f"episodes of {original.parent.name} cut every {seconds:g} s")
+        deed = f"episodes of {original.parent.name} cut every {seconds:g} s"
+        provenance = inherit([original], deed, find_original_episodes(original.dataset, dataset))
         begin(f"writing {count_of(dataset.n_frames, 'frame')}")
         path = write_version(dataset, target, provenance, folder, original.attachments)
         text = f"{count_of(dataset.n_episodes, 'episode')}, {count_of(dataset.n_frames, 'frame')} → {path}"

@@ -58,13 +58,18 @@ def cut_every(dataset: Dataset, seconds: float) -> Dataset:
 def cut_at(dataset: Dataset, frames: Sequence[int]) -> Dataset:
     """Begin a new episode at each given frame, with the clock at zero."""
     starts = np.union1d(dataset.starts, np.asarray(frames, np.int64)).astype(np.int64)
-    lengths = np.diff(np.append(starts, dataset.n_frames))
-    episodes = np.searchsorted(dataset.starts, starts, side="right") - 1
-    cut = replace(dataset, lengths=lengths, tasks=tuple(dataset.tasks[episode] for episode in episodes))
+    cut = replace(dataset, lengths=np.diff(np.append(starts, dataset.n_frames)))
+    episodes = find_original_episodes(dataset, cut)
+    cut = replace(cut, tasks=tuple(dataset.tasks[episode] for episode in episodes))
     if TIME not in dataset.columns:
         return cut
     time = dataset.columns[TIME]
     first = (
         time[starts] - time[dataset.starts[episodes]]
     )  # relative to the episode's first time, which need not be zero
-    return cut.with_column(TIME, dataset.features[TIME], time - np.repeat(first, lengths, axis=0))
+    return cut.with_column(TIME, dataset.features[TIME], time - np.repeat(first, cut.lengths, axis=0))
+
+
+def find_original_episodes(dataset: Dataset, cut: Dataset) -> list[int]:
+    """Return for each part of a dataset that was cut in time the episode that it belonged to."""
+    return (np.searchsorted(dataset.starts, cut.starts, side="right") - 1).tolist()

@@ -288,7 +288,8 @@ class Dataset:
         if beyond:
             raise DatasetInvalid(f"There is no episode {beyond[0]}; the dataset has 0 to {self.n_episodes - 1}.")
         rows = np.concatenate([np.arange(self.n_frames)[self.episode(index)] for index in episodes])
-        return self.take(rows, self.lengths[list(episodes)], tuple(self.tasks[index] for index in episodes))
+        taken = self.take(rows, self.lengths[list(episodes)], tuple(self.tasks[index] for index in episodes))
+        return replace(taken, origin=self.origin and self.origin.select(episodes))
 
     def take(self, rows: Array, lengths: Array, tasks: Sequence[str]) -> "Dataset":
         """Return a dataset of the given frames.

@@ -12,6 +12,7 @@ from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.provenance import Parent, Provenance, read_provenance
 from nas_data.dataset.read import read
+from nas_data.dataset.target_episodes import join_targets, select_episodes
 from nas_data.dataset.versions import find_dataset_name, resolve
 from nas_data.visible_files import list_visible_files
 
@@ -117,24 +118,28 @@ def subtasks(roots: Iterable[Path]) -> dict[str, bytes]:
     return {layout.SUBTASKS: tables[0]} if tables and tables == tables[:1] * len(paths) else {}
 
 
-def inherit(originals: Sequence[Original], deed: str) -> Provenance:
+def inherit(originals: Sequence[Original], deed: str, chosen: Sequence[int] | None = None) -> Provenance:
     """Return the provenance of a dataset that consists of episodes of others.
 
-    Entries that all originals share (source, target, signal) are kept, and of different targets the servos' registers;
-    others can be found through the parents.
+    Entries that all originals share (source, target, signal) are kept, and of different targets those by episode, such
+    as the servos' registers; others can be found through the parents.
 
     Args:
         originals: The original datasets, at least one.
         deed: Description of the change.
+        chosen: For each new episode, its number in the only original; None for all episodes of all originals.
     """
     before = [original.provenance or make_unknown_provenance(original.dataset) for original in originals]
     changes = [describe_change(original.parent.name) for original in originals if original.is_changed]
     notes = [*(item.notes for item in before), *changes, deed]
+    target = join_targets(
+        [(item.target, original.dataset.n_episodes) for item, original in zip(before, originals, strict=True)]
+    )
     return Provenance(
         how="edited",
         robot=find_common_value(item.robot for item in before) or originals[0].dataset.robot_type,
         source=find_common_value(item.source for item in before),
-        target=find_common_value(item.target for item in before) or join_registers(originals),
+        target=target if chosen is None else select_episodes(before[0].target, chosen),
         signal=find_common_value(item.signal for item in before),
         seeds=_remove_duplicates(seed for item in before for seed in item.seeds),
         parents=_remove_duplicates(original.parent for original in originals),
@@ -142,21 +147,6 @@ def inherit(originals: Sequence[Original], deed: str) -> Provenance:
         contiguous=all(item.contiguous for item in before),
         notes="\n".join(_remove_duplicates(line for note in notes for line in note.splitlines())),
     )
-
-
-def join_registers(originals: Sequence[Original]) -> dict[str, object] | None:
-    """Return a target with the register history of consecutive datasets; None if one of them has no history."""
-    joined: list[dict[str, object]] = []
-    episodes = 0
-    for original in originals:
-        history = ((original.provenance.target if original.provenance else None) or {}).get("registers")
-        if not isinstance(history, list) or not history:
-            return None
-        for entry in history:
-            if not joined or joined[-1]["joints"] != entry["joints"]:
-                joined.append({"from_episode": episodes + entry["from_episode"], "joints": entry["joints"]})
-        episodes += original.dataset.n_episodes
-    return {"registers": joined}
 
 
 def make_unknown_provenance(dataset: Dataset) -> Provenance:

@@ -8,6 +8,7 @@ import numpy as np
 from nas_data.dataset.content import convert_column, hash_content, hash_episodes
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import STATE, TIME, Feature
+from nas_data.dataset.joints import list_joints
 from nas_data.dataset.provenance import Provenance
 
 COMPARED = ("how", "robot", "source", "target", "signal", "seeds", "parents", "derived", "contiguous", "notes")
@@ -154,7 +155,7 @@ def _is_comparable(a: Feature, b: Feature) -> bool:
 
 
 def _list_joints(dataset: Dataset) -> tuple[str, ...]:
-    return dataset.joints if STATE in dataset.features else ()
+    return list_joints(dataset.features[STATE]) if STATE in dataset.features else ()
 
 
 def _find_exclusive_items(a: tuple[str, ...], b: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:

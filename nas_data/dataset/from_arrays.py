@@ -11,7 +11,7 @@ from nas_data.count_of import count_of
 from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.checks import check_finite
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.external import format_warnings
+from nas_data.dataset.external import format_warnings, report_single_frames
 from nas_data.dataset.features import (
     ACTION,
     EFFORT,
@@ -102,6 +102,7 @@ def make_from_arrays(
     )
     check_finite(dataset, "The recording in memory")
     complete, derived = as_transitions(dataset)
+    warn(format_warnings(report_single_frames(dataset)))
     refuse(complete, turns)
     provenance = Provenance(how="imported", robot=robot, target={"kind": "arrays"}, derived=derived, contiguous=True)
     return replace(complete, origin=Origin(complete, provenance, derived))

@@ -5,6 +5,7 @@ symbolic link. Saving creates a second folder with hard links to the old files a
 rename redirects the link.
 """
 
+import glob
 import os
 import shutil
 from dataclasses import replace
@@ -146,7 +147,7 @@ class IncrementalWriter:
         return self.root.with_name(f".{self.root.name}-{episodes:06d}")
 
     def _list_generations(self) -> list[Path]:
-        return sorted(self.root.parent.glob(f".{self.root.name}-[0-9]*"))
+        return sorted(self.root.parent.glob(f".{glob.escape(self.root.name)}-[0-9]*"))
 
 
 def _link(old: Path, new: Path) -> None:

@@ -123,6 +123,11 @@ def is_on_grid(values: np.ndarray, step: float) -> bool | None:
     return bool((np.abs(counts - np.round(counts)) < GRID_TOLERANCE).all())
 
 
+def list_joints(feature: Feature) -> tuple[str, ...]:
+    """Return the joints of a state, whose positions may have bare names; empty if the components have no names."""
+    return () if are_generated(STATE, feature.names) else tuple(Components.of(STATE, feature).positions)
+
+
 def is_gripper(name: str) -> bool:
     """Return whether a joint or component is a gripper by its name; LeRobot gives 0 … 100 of its range."""
     return "gripper" in name.lower()

@@ -14,6 +14,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import Derived, Original, find_common_value, inherit
 from nas_data.dataset.descriptions import describe_kind, find_difference
 from nas_data.dataset.features import NEXT_STATE, SIM_ENVIRONMENT, SIM_STATE, STATE, Feature
+from nas_data.dataset.joints import list_joints
 from nas_data.dataset.passthrough import PassthroughFeatures, shared_features
 from nas_data.errors import DatasetInvalid, JointMismatch
 
@@ -142,11 +143,11 @@ def check_mergeable(a: Original, b: Original) -> None:
 def _check_joints(a: Original, b: Original) -> None:
     if STATE not in a.dataset.features or STATE not in b.dataset.features:
         return
-    joints = [set(original.dataset.joints) for original in (a, b)]
-    if joints[0] != joints[1]:
+    ours, theirs = (list_joints(original.dataset.features[STATE]) for original in (a, b))
+    if set(ours) != set(theirs):
         raise JointMismatch(
-            f"{b.root} has the joints {', '.join(b.dataset.joints) or 'without names'}, {a.root} has "
-            f"{', '.join(a.dataset.joints) or 'joints without names'}; only datasets of the same joints are merged; "
+            f"{b.root} has the joints {', '.join(theirs) or 'without names'}, {a.root} has "
+            f"{', '.join(ours) or 'joints without names'}; only datasets of the same joints are merged; "
             "if only their names differ, import both with the same 'joints' in the map."
         )
 

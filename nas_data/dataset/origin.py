@@ -19,6 +19,7 @@ from nas_data.dataset.joints import NAMES, REMEDY, SAME_NAMES
 from nas_data.dataset.layout import PROVENANCE
 from nas_data.dataset.provenance import Parent, Provenance, format_current_time, read_package_versions, read_provenance
 from nas_data.dataset.read import read
+from nas_data.dataset.target_episodes import select_episodes
 from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.write import encode_json
 from nas_data.errors import DatasetInvalid, JointMismatch
@@ -58,6 +59,11 @@ class Origin:
     attachments: Mapping[str, bytes] = field(default_factory=dict)
     noticed: tuple[str, ...] = ()
 
+    def select(self, episodes: Sequence[int]) -> "Origin":
+        """Return the origin of a selection of episodes."""
+        target = select_episodes(self.provenance.target, episodes)
+        return replace(self, provenance=replace(self.provenance, target=target))
+
     @cached_property
     def parents(self) -> tuple[Parent, ...]:
         """Parents for the provenance of a dataset made from it."""
@@ -79,6 +85,8 @@ def load(path: Path, episodes: Sequence[int] = ()) -> Dataset:
         notes.append(describe_change(original.parent.name))
     warn(noticed)
     provenance = replace(before, derived={**before.derived, **derived}, notes="\n".join(filter(None, notes)))
+    if episodes:
+        provenance = replace(provenance, target=select_episodes(provenance.target, episodes))
     return replace(dataset, origin=Origin(dataset, provenance, derived, root, recorded, kept, noticed))
 
 

@@ -22,6 +22,7 @@ from nas_data.dataset.provenance import Parent, Provenance, format_current_time,
 from nas_data.dataset.read import Rows, find_episode_tasks, frame_tasks, read, read_tasks
 from nas_data.dataset.read_damaged import ReadableRows, read_damaged_files
 from nas_data.dataset.staging import MARK, find_leftovers
+from nas_data.dataset.target_episodes import select_episodes
 from nas_data.dataset.verify import METADATA, VerifyInput
 from nas_data.dataset.versions import VERSION, find_home
 from nas_data.dataset.videos import VIDEO
@@ -274,6 +275,7 @@ def _make_provenance(root: Path, before: Provenance | None, dataset: Dataset, ke
     known = before or make_unknown_provenance(dataset)
     return replace(
         known,
+        target=select_episodes(known.target, kept),
         how="edited",
         when=format_current_time(),
         packages=dict(read_package_versions()),

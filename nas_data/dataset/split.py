@@ -95,4 +95,4 @@ def _make_part(original: Original, episodes: Sequence[int], how: str) -> Derived
     """Return one part; its provenance names the episodes."""
     rule = f"{count_of(len(episodes), 'episode')}, {how}," if how else f"episodes {format_episodes(episodes)}"
     deed = f"{rule} of {original.parent.name}"
-    return Derived(original.dataset.select(episodes), inherit([original], deed), original.attachments)
+    return Derived(original.dataset.select(episodes), inherit([original], deed, episodes), original.attachments)

@@ -146,6 +146,11 @@ def check_name(name: str) -> None:
         raise OptionError(f"'{name}' is not a valid dataset name; use letters, digits, '.', '_' and '-'.")
 
 
+def make_name(text: str) -> str:
+    """Return a valid dataset name for a text: other characters become `_`."""
+    return re.sub(r"[^A-Za-z0-9._-]", "_", text).lstrip("._-") or "dataset"
+
+
 def settle(hidden: Path, home: Path, digest: str, number: int = 0, damaged: Path | None = None) -> Path:
     """Make a staged folder a version, unless one with its content and source exists.
 

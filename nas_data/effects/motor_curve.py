@@ -66,14 +66,14 @@ class MotorCurve(Effect):
 
         Raises:
             JointMismatch: no actuator drives the joint.
-            ModelFileError: its actuator drives other joints as well.
+            ModelFileError: its actuator acts through a tendon.
         """
         assert self.joint is not None
         actuator, joint, name = find_joint_actuator(spec, self.joint), spec.joint(self.joint), self.joint + CURVE
         if actuator.target == self.joint + SHARED:
             raise ModelFileError(
-                f"No motor curve can be added to '{self.joint}', because its actuator drives other joints as well; "
-                "give a model with an actuator for each joint."
+                f"No motor curve can be added to '{self.joint}', because its actuator acts through a tendon; give "
+                'a model with an actuator of each joint: <position joint="…" kp="…"/>.'
             )
         set_joint_limit(joint, self.stall_torque)
         if spec.actuator(self.joint + BAND) is None:

@@ -9,7 +9,7 @@ from gymnasium import spaces
 
 from nas_data import registry
 from nas_data.effects.base import Effect, parse
-from nas_data.environment_ids import make_environment_name
+from nas_data.environment_ids import TARGET_DYNAMICS, make_environment_name
 from nas_data.errors import UnknownName
 from nas_data.simulators.base import Simulator, Stepper
 
@@ -118,6 +118,20 @@ class Task:
         if dynamics not in self.dynamics:
             raise UnknownName("dynamics", dynamics, self.dynamics)
         return tuple(parse(text) for text in self.dynamics[dynamics])
+
+    def find_source(self, dynamics: str) -> str:
+        """Return the dynamics of the source for a target: `source`, or the target's own source if it has one.
+
+        Args:
+            dynamics: Dynamics of the target, or `TARGET_DYNAMICS`, which not every task has; a source is its own.
+
+        Raises:
+            UnknownName: the task has no such dynamics; lists its dynamics.
+        """
+        if dynamics not in (*self.dynamics, TARGET_DYNAMICS):
+            raise UnknownName("dynamics", dynamics, self.dynamics)
+        own = dynamics if dynamics.endswith(f"-{SOURCE}") else f"{dynamics}-{SOURCE}"
+        return own if own in self.dynamics else SOURCE
 
     def simulator(
         self, dynamics: str = SOURCE, named: "ModelCorrection | None" = None, engine: str = "mujoco"

@@ -80,6 +80,14 @@ class Excitation:
         return {"excitation": self.name(), "parameters": asdict(self)}
 
 
+def check_band(excitation: Excitation, slowest: float, fastest: float) -> None:
+    """Raise OptionError if the lowest frequency [Hz] of an excitation is above the highest."""
+    if slowest > fastest:
+        raise OptionError(
+            f"{excitation.name()}: slowest is {slowest:g} Hz, above fastest, {fastest:g} Hz; give both, slowest first."
+        )
+
+
 def hold(values: np.ndarray, steps: int, each: int) -> np.ndarray:
     """Repeat values (E, K, n) for `each` control steps, and cut to shape (E, steps, n)."""
     return np.repeat(values, each, axis=1)[:, :steps]
@@ -111,7 +119,7 @@ def make_excitation(name: str, values: Mapping[str, float]) -> Excitation:
     for key, value in values.items():
         if key not in known:
             raise OptionError(f"{name} has no parameter '{key}'; it has: {', '.join(sorted(known))}.")
-        if known[key] is int and value != int(value):
+        if known[key] is int and not (np.isfinite(value) and value == int(value)):
             raise OptionError(f"{name}: {key} is {value}; it must be a whole number.")
     return kind(**{key: int(value) if known[key] is int else value for key, value in values.items()})
 

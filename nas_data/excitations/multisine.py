@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nas_data.excitations.base import Excitation
+from nas_data.excitations.base import Excitation, check_band
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,6 +21,10 @@ class Multisine(Excitation):
     fastest: float = 2.0
     count: int = 8
     share: float = 0.8
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_band(self, self.slowest, self.fastest)
 
     def shape(self, rng: np.random.Generator, episodes: int, steps: int, period: float, span: np.ndarray) -> np.ndarray:
         """Draw the phases; the sum is scaled so that each joint uses its whole share in each episode."""

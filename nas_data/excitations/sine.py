@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nas_data.excitations.base import Excitation, draw_signs
+from nas_data.excitations.base import Excitation, check_band, draw_signs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,6 +21,10 @@ class Sine(Excitation):
     fastest: float = 1.0
     smallest: float = 0.3
     share: float = 0.8
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_band(self, self.slowest, self.fastest)
 
     def shape(self, rng: np.random.Generator, episodes: int, steps: int, period: float, span: np.ndarray) -> np.ndarray:
         """Draw the sines; see `Excitation.shape`."""

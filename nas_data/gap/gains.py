@@ -10,9 +10,8 @@ from nas_data.dataset.features import POSITION, Feature
 from nas_data.errors import DatasetInvalid, ModelFileError
 from nas_data.robots.base import find_robot
 from nas_data.simulators.register_kinds import P_GAIN
-from nas_data.simulators.servo_registers import read_stated
+from nas_data.simulators.servo_registers import P_GAIN_COLUMN, read_stated
 
-REGISTER = "nas.p_gain"  # column of a dataset: P register of the servos, one for all joints or one each
 RELATIVE_GAIN = "nas.gain"  # column in memory: register over the model's value
 
 
@@ -28,9 +27,9 @@ def with_relative_gains(dataset: Dataset, model: str | Path, name: str | Path) -
         ModelFileError: the gains differ and the model does not state the register of its own.
         DatasetInvalid: a register is not a positive number, or changes within an episode.
     """
-    if REGISTER not in dataset.columns or not dataset.n_frames:
+    if P_GAIN_COLUMN not in dataset.columns or not dataset.n_frames:
         return dataset
-    registers, own = dataset.columns[REGISTER].astype(float), read_model_registers(model, dataset.joints)
+    registers, own = dataset.columns[P_GAIN_COLUMN].astype(float), read_model_registers(model, dataset.joints)
     if own is None:
         check_equal_gains(registers, model, name)
         return dataset
@@ -67,8 +66,8 @@ def check_equal_gains(registers: np.ndarray, model: str | Path, name: str | Path
     if len(values) > 1:
         known = ", ".join(f"{value:g}" for value in np.unique(values))
         raise ModelFileError(
-            f"{name} was recorded at several position gains ({REGISTER}: {known}), and {model} does not give the one "
-            f'of its own gain: add <custom><numeric name="{P_GAIN}" data="…"/></custom> to the model.'
+            f"{name} was recorded at several position gains ({P_GAIN_COLUMN}: {known}), and {model} does not give the "
+            f'one of its own gain: add <custom><numeric name="{P_GAIN}" data="…"/></custom> to the model.'
         )
 
 
@@ -76,13 +75,13 @@ def check_registers(dataset: Dataset, registers: np.ndarray, name: str | Path) -
     """Refuse registers that are not positive or not constant within an episode."""
     if registers.shape[1] not in (1, len(dataset.joints)):
         raise DatasetInvalid(
-            f"{REGISTER} of {name} has {registers.shape[1]} columns; give one for all joints or one for each."
+            f"{P_GAIN_COLUMN} of {name} has {registers.shape[1]} columns; give one for all joints or one for each."
         )
     for number, rows in enumerate(dataset.episodes()):
         values = np.unique(registers[rows], axis=0)
         if len(values) > 1 or not ((values > 0) & (values < np.inf)).all():
             known = ", ".join(f"{value:g}" for value in np.unique(values))
             raise DatasetInvalid(
-                f"{REGISTER} of episode {number} of {name} is {known}; one gain above 0 for the whole episode is "
+                f"{P_GAIN_COLUMN} of episode {number} of {name} is {known}; one gain above 0 for the whole episode is "
                 "needed."
             )

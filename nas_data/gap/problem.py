@@ -11,14 +11,13 @@ import numpy as np
 from nas_data.count_of import count_of
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.external import audit_external
-from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import VERSION, resolve
 from nas_data.errors import DatasetInvalid, JointMismatch
 from nas_data.gap.episode_batch import EpisodeBatch, cut_windows, split_episodes
 from nas_data.gap.finding.torque_off import keep_torque_on_and_fall
 from nas_data.gap.floor import estimate_noise_floor, measure_step_errors
-from nas_data.gap.gains import REGISTER, with_relative_gains
+from nas_data.gap.gains import with_relative_gains
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.nominal_parameters import FITTED_TOLERANCE
 from nas_data.gap.overlaps import Overlap, exclude_contacts, find_overlaps
@@ -28,7 +27,6 @@ from nas_data.gap.usual_error import UsualError
 from nas_data.log import warn
 from nas_data.pairing import check_fits, warn_of_ranges
 from nas_data.robots.base import TORQUES
-from nas_data.simulators.register_kinds import P_GAIN
 from nas_data.simulators.servo_registers import NO_REGISTERS, ServoRegisters
 
 TRAIN_STEPS = 120_000  # most physics steps of one rollout of all training episodes, about 0.5 s
@@ -123,7 +121,7 @@ class Problem:
                 f"{root or 'The dataset'} has {count_of(len(evidence), 'episode')}; at least two are needed, one to "
                 f"fit and one to test: record more, or {cut}."
             )
-        own = read_registers(transitions, root)
+        own = ServoRegisters.of(transitions, root)
         as_given = Nominal.load(model, evidence, own if own.values or own.changing else registers)
         check_fits(transitions, as_given.simulator())
         overlaps = find_overlaps(as_given, kept)
@@ -182,13 +180,6 @@ class Problem:
         """Return the problem with all contacts of the given model."""
         train, held = (replace(task, nominal=self.as_given) for task in (self.train, self.held))
         return replace(self, train=train, held=held)
-
-
-def read_registers(dataset: Dataset, root: Path | None) -> ServoRegisters:
-    """Return the servos' registers of a recording; position gains that its frames hold are left to `gains`."""
-    provenance = dataset.origin.provenance if dataset.origin else read_provenance(root) if root else None
-    registers = ServoRegisters.read(provenance, dataset.joints)
-    return registers.without(P_GAIN) if REGISTER in dataset.columns else registers
 
 
 @contextmanager

@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from nas_data.dataset import audits
-from nas_data.dataset.audits.base import AuditFinding, Expected
+from nas_data.dataset.audits.base import AuditFinding, Expected, Remedies
 from nas_data.dataset.recording import Recording
 from nas_data.importing.calibration import RANGE
 from nas_data.importing.conversion import NORMALISED
+from nas_data.importing.joining import BY_RECEIPT
 from nas_data.importing.map import LogQuantity, Map
 from nas_data.importing.reading import SUFFIXES
 
@@ -17,18 +18,25 @@ SMALLEST_LIKELY = 3.5  # [°] a log whose values are all smaller is in radians
 AT_REST = 0.02  # [°] a log that spans less contains no motion
 SMALL_SHARE = 0.02  # share of its range that a normalised joint exceeds; π rad are 1.6 % of −100 … 100
 REST_SHARE = 0.0025  # share of its range that a normalised joint at rest does not leave
+OF_TOPICS = Remedies({"time_backwards": BY_RECEIPT})
 
 
-def audit(recording: Recording, mapping: Map) -> list[AuditFinding]:
-    """Run all audits over a recording before resampling and alignment.
+def audit(recordings: Sequence[Recording], mapping: Map) -> list[AuditFinding]:
+    """Run all audits over recordings before resampling and alignment.
 
     Returns:
         Findings; errors that the map allows are warnings.
     """
     expected = make_expected(mapping)
-    found = audits.run(audits.FIRST, recording, expected)
-    if not any(finding.error for finding in found):
-        found += [*check_degrees(recording, mapping), *check_normalised(recording, mapping)]
+    found: list[AuditFinding] = []
+    sound = []
+    for recording in recordings:
+        first = audits.run(audits.FIRST, recording, expected)
+        found += first
+        if not any(finding.error for finding in first):
+            sound.append(recording)
+    found += [*check_degrees(sound, mapping), *check_normalised(sound, mapping)]
+    for recording in sound:
         found += audits.run(audits.list_remaining_audits(), recording, expected)
     return allow(found, mapping)
 
@@ -52,52 +60,67 @@ def make_expected(mapping: Map) -> Expected:
         resampled=mapping.resample is not None,
         derived=mapping.derive_velocity,
         promise="the map says" if mapping.remedies is None else "the dataset's rate is",
-        remedies=mapping.remedies,
+        remedies=mapping.remedies or (OF_TOPICS if mapping.layout.topics else None),
     )
 
 
-def check_degrees(recording: Recording, mapping: Map) -> list[AuditFinding]:
-    """Return errors for quantities in degrees whose values are so small that they are likely radians."""
+def check_degrees(recordings: Sequence[Recording], mapping: Map) -> list[AuditFinding]:
+    """Return findings on quantities in degrees whose values are so small that they are likely radians.
+
+    A log in which another episode has larger values is in degrees. If another log has, the finding is a warning.
+    """
     found = []
-    for quantity, values in ((mapping.position, recording.positions), (mapping.command, recording.commands)):
+    for quantity in (mapping.position, mapping.command):
         in_degrees = [unit == "deg" for unit in quantity.conversion.units]
-        degrees = quantity.conversion.raw(values)[:, in_degrees]  # shape (N, k)
-        if not degrees.size or np.ptp(degrees, axis=0).max() < AT_REST or np.abs(degrees).max() > SMALLEST_LIKELY:
-            continue
-        if quantity is mapping.command and not _contradicts_small_commands(recording, quantity):
-            continue
-        what = (
-            f"the {quantity.name} of all joints is within ±{np.abs(degrees).max():.3g} as logged: in degrees, the "
-            "robot would hardly have moved"
-        )
-        remedy = _name_remedies(mapping, f"unit = 'rad' in [read.{quantity.name}]", "degrees")
-        found.append(AuditFinding("unit_slip", recording.label, what, remedy, error=True))
+        raw = [
+            quantity.conversion.raw(recording.positions if quantity is mapping.position else recording.commands)
+            for recording in recordings
+        ]
+        episodes = [(recording, values[:, in_degrees]) for recording, values in zip(recordings, raw, strict=True)]
+        episodes = [(recording, degrees) for recording, degrees in episodes if degrees.size]  # shape (N, k)
+        shown = {recording.file for recording, degrees in episodes if np.abs(degrees).max() > SMALLEST_LIKELY}
+        for recording, degrees in episodes:
+            if recording.file in shown or np.ptp(degrees, axis=0).max() < AT_REST:
+                continue
+            if quantity is mapping.command and not _contradicts_small_commands(recording, quantity):
+                continue
+            what = (
+                f"the {quantity.name} of all joints is within ±{np.abs(degrees).max():.3g} as logged: in degrees, the "
+                "robot would hardly have moved"
+            )
+            remedy = _name_remedies(mapping, f"unit = 'rad' in [read.{quantity.name}]", "degrees")
+            found.append(AuditFinding("unit_slip", recording.label, what, remedy, error=not shown))
     return found
 
 
-def check_normalised(recording: Recording, mapping: Map) -> list[AuditFinding]:
-    """Return errors for normalised joints that stay near the raw zero, so that their values are likely radians.
+def check_normalised(recordings: Sequence[Recording], mapping: Map) -> list[AuditFinding]:
+    """Return findings on normalised joints that stay near the raw zero, so that their values are likely radians.
 
     All joints of a log are in radians or none is. So a joint in degrees, or another normalised joint, that moves
-    further shows that a small one, such as a closed gripper, moved that little.
+    further shows that a small one, such as a closed gripper, moved that little. If only another log shows it, the
+    finding is a warning.
     """
     conversion = mapping.position.conversion
-    raw = conversion.raw(recording.positions)
-    sizes, ways = np.abs(raw).max(axis=0), np.ptp(raw, axis=0)
     spans = np.where(np.array(conversion.units) == NORMALISED, conversion.spans, 0.0)
     largest = np.where(spans > 0, SMALL_SHARE * spans, SMALLEST_LIKELY)
-    shown = [unit in ("deg", RANGE, NORMALISED) for unit in conversion.units]
-    if (sizes > largest)[shown].any():
-        return []
-    small = (spans > 0) & (ways > REST_SHARE * spans)
+    telling = [unit in ("deg", RANGE, NORMALISED) for unit in conversion.units]
+    raw = [conversion.raw(recording.positions) for recording in recordings]
+    episodes = [
+        (one, np.abs(values).max(axis=0), np.ptp(values, axis=0)) for one, values in zip(recordings, raw, strict=True)
+    ]
+    shown = {recording.file for recording, sizes, _ in episodes if (sizes > largest)[telling].any()}
     found = []
-    for joint, size, span in zip(*(np.array(part)[small] for part in (mapping.joints, sizes, spans)), strict=True):
-        what = (
-            f"the position of {joint} is within ±{size:.3g} as logged, although it moves: in its normalised range of "
-            f"{span:g}, it would hardly have moved"
-        )
-        remedy = _name_remedies(mapping, f"unit = 'rad' in [read.position.joints.{joint}]", "normalised")
-        found.append(AuditFinding("unit_slip", recording.label, what, remedy, error=True))
+    for recording, sizes, ways in episodes:
+        small = (spans > 0) & (ways > REST_SHARE * spans)
+        if recording.file in shown:
+            continue
+        for joint, size, span in zip(*(np.array(part)[small] for part in (mapping.joints, sizes, spans)), strict=True):
+            what = (
+                f"the position of {joint} is within ±{size:.3g} as logged, although it moves: in its normalised range "
+                f"of {span:g}, it would hardly have moved"
+            )
+            remedy = _name_remedies(mapping, f"unit = 'rad' in [read.position.joints.{joint}]", "normalised")
+            found.append(AuditFinding("unit_slip", recording.label, what, remedy, error=not shown))
     return found
 
 

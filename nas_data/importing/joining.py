@@ -6,9 +6,13 @@ import numpy as np
 
 from nas_data.dataset.audits.base import AuditFinding
 from nas_data.errors import LogError
+from nas_data.importing.layout import LogLayout
 from nas_data.importing.map import Map
+from nas_data.importing.messages import RECEIVED
 from nas_data.importing.table import LogTable
 
+# Remedy for messages whose own times are out of order.
+BY_RECEIPT = f"take the times of receipt, which ascend: column = '{RECEIVED}' and unit = 'ns' in [read.time]"
 UNMATCHED_REFUSED = 0.5  # share of a log without a match at its ends above which it is refused
 
 
@@ -26,9 +30,8 @@ def join_table(time: np.ndarray, given: np.ndarray, table: LogTable, mapping: Ma
         raise LogError(f"{table.path} holds no rows; give a log with recorded rows.")
     bad = np.flatnonzero(~(np.diff(given) >= 0)) + 1
     if bad.size:
-        raise LogError(
-            f"{table.path}: the time decreases or is not a number in {table.name_rows(bad)}; sort or repair the file."
-        )
+        remedy = BY_RECEIPT if mapping.layout.topics else "sort or repair the file"
+        raise LogError(f"{table.path}: the time decreases or is not a number in {table.name_rows(bad)}; {remedy}.")
     # Positions of further joints belong to the same moment, whatever the join of the commands.
     method = "nearest" if key in mapping.position.source.tables else mapping.layout.join
     commanded = any(part.table == key for part in mapping.command.source.parts)
@@ -73,18 +76,19 @@ def match_rows(
     return np.where(found, rows, -1)
 
 
-def find_common_rows(matches: dict[Path, np.ndarray], log: Path, table: LogTable, tolerance: float) -> slice:
+def find_common_rows(matches: dict[Path, np.ndarray], log: Path, table: LogTable, layout: LogLayout) -> slice:
     """Return the rows that have a match in every table; only rows at the ends may lack one.
 
     Args:
         matches: For each other file, its matching row for each row of the log, -1 for none.
         log: The log, for the error message.
         table: The table with the positions, for the error message.
-        tolerance: Largest difference of joined times [s], for the error message.
+        layout: Method and tolerance of the join, for the error message.
 
     Raises:
         LogError: a file has no match for rows in the middle, or for any row.
     """
+    tolerance = layout.tolerance
     missing = np.any([rows < 0 for rows in matches.values()], axis=0)
     found = np.flatnonzero(~missing)
     if not found.size:
@@ -99,7 +103,7 @@ def find_common_rows(matches: dict[Path, np.ndarray], log: Path, table: LogTable
         path = next(path for path, rows in matches.items() if rows[holes[0]] < 0)
         raise LogError(
             f"{log}: {path.name} has nothing within {tolerance:g} s of {table.name_rows(holes)}; "
-            "raise the tolerance of [join], or join with the previous row."
+            f"raise the tolerance of [join]{', or join with the previous row' if layout.join == 'nearest' else ''}."
         )
     return whole
 

@@ -115,6 +115,11 @@ def complete_map(mapping: Map, paths: Sequence[Path], options: ImportOptions) ->
     if options.calibration is not None:
         motors = match_motors(mapping, read_calibration(options.calibration), options.calibration)
     if "deg" not in mapping.position.conversion.units:
+        if options.unit is not None:
+            raise OptionError(
+                f"The map {mapping.name} gives no joint in degrees, which --unit would replace; leave --unit out, or "
+                "write the unit in the map."
+            )
         return with_raw_unit(mapping, "deg", motors), ()
     unit, why = options.unit, "as given by --unit"
     if unit is None:
@@ -154,13 +159,15 @@ def map_text(path: Path, unit: str | None, model: str | None) -> str:
     dataset = read(root)
     joints = tuple(Components.of("observation.state", dataset.features["observation.state"]).positions)
     grippers = [joint for joint in joints if is_gripper(joint)] if unit != "rad" else []
-    tables = ""
+    tables, lengths = "", list[str]()
     for gripper in grippers:
-        low, high = _find_gripper_range(path, gripper, model)
+        low, high, slides = _find_gripper_range(path, gripper, model)
+        lengths += [gripper] if slides else []
         line = f'unit = "normalised"\nrange = [0.0, 100.0]\nlow = {low!r}\nhigh = {high!r}\n'
         tables += "".join(f"[read.{what}.joints.{_quote(gripper)}]\n{line}" for what in ("position", "command"))
     return (
         f'format = "lerobot"\nrobot = {_quote(dataset.robot_type)}\njoints = [{", ".join(map(_quote, joints))}]\n'
+        f"slides = [{', '.join(map(_quote, lengths))}]\n"
         'alignment = "action_follows_state"\nvelocity = "derive"\n'
         '[servo]\nresolution = 4096\ndrive_mode = true\n[read.position]\nunit = "deg"\n[read.command]\nunit = "deg"\n'
         + tables
@@ -173,13 +180,19 @@ def _quote(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def _find_gripper_range(path: Path, joint: str, model: str | None) -> tuple[float, float]:
-    """Return the range of a gripper in a model [rad; m]; raise OptionError without a model, joint or range."""
+def _find_gripper_range(path: Path, joint: str, model: str | None) -> tuple[float, float, bool]:
+    """Return the range of a gripper in a model [rad; m] and whether it is a slide.
+
+    Raises:
+        OptionError: there is no model, or no such joint or range in it.
+    """
     if model is None:
         raise OptionError(
             f"{path} has a joint '{joint}', which LeRobot gives as 0 … 100 of its range: add --model MODEL.xml, which "
             "has the range of that joint."
         )
+    import mujoco
+
     from nas_data.robots.base import find_robot
 
     spec = find_robot(model).spec().compile()
@@ -187,7 +200,7 @@ def _find_gripper_range(path: Path, joint: str, model: str | None) -> tuple[floa
     if joint not in names or not spec.jnt_limited[spec.joint(joint).id]:
         raise OptionError(f"{model} has no joint '{joint}' with a range; give one in the model, or write a map.")
     low, high = spec.joint(joint).range
-    return float(low), float(high)
+    return float(low), float(high), int(spec.joint(joint).type[0]) == int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def import_dataset(path: Path, options: ImportOptions) -> tuple[Dataset, Provenance, tuple[AuditFinding, ...]]:

@@ -57,7 +57,7 @@ def read_log(log: Path, mapping: Map) -> tuple[list[Recording], list[AuditFindin
     findings = []
     if partners:
         matches = {tables[key].path: rows for key, rows in partners.items()}
-        shared = find_common_rows(matches, log, reference, mapping.layout.tolerance)
+        shared = find_common_rows(matches, log, reference, mapping.layout)
         findings = report_ends(matches, shared, log, reference, time, mapping.layout.tolerance)
 
     def read(quantity: LogQuantity) -> np.ndarray:

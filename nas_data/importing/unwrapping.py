@@ -1,6 +1,6 @@
 """Unwrapping of encoders that jump after a whole turn."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,20 +9,35 @@ from nas_data.dataset.audits.jumps import WHOLE_TURN, find_whole_turns
 from nas_data.dataset.recording import Recording
 
 
-def unwrap(recording: Recording, hinges: Collection[str], commanded: Collection[str]) -> Recording:
-    """Return a recording with unwrapped joint positions.
+def unwrap(
+    recordings: Sequence[Recording], hinges: Collection[str], commanded: Collection[str], centres: Mapping[str, float]
+) -> list[Recording]:
+    """Return recordings with unwrapped joint positions, none a whole turn away from the others.
 
     Args:
-        recording: One episode.
+        recordings: Episodes with the same joints.
         hinges: Names of the hinges; other joints are not changed.
         commanded: Names of hinges with position commands. If such a joint is unwrapped, its commands are moved to
             within half a turn of the positions.
+        centres: Middle of the range of joints that have one [rad]; the others stay near the first recording.
     """
-    positions, commands = recording.positions.copy(), recording.commands.copy()
-    for index, joint in enumerate(recording.joints):
-        if joint not in hinges or not find_whole_turns(np.diff(positions[:, index])).any():
+    changed = list(recordings)
+    for index, joint in enumerate(recordings[0].joints if recordings else ()):
+        paths = [recording.positions[:, index] for recording in recordings]
+        if joint not in hinges or not any(find_whole_turns(np.diff(path)).any() for path in paths):
             continue
-        positions[:, index] = np.unwrap(positions[:, index])
-        if joint in commanded:
-            commands[:, index] -= WHOLE_TURN * np.round((commands[:, index] - positions[:, index]) / WHOLE_TURN)
+        paths = [np.unwrap(path) for path in paths]
+        centre = centres.get(joint, float(paths[0].mean()))
+        for place, path in enumerate(paths):
+            near = path - WHOLE_TURN * np.round((path.mean() - centre) / WHOLE_TURN)
+            changed[place] = _move(changed[place], index, near, joint in commanded)
+    return changed
+
+
+def _move(recording: Recording, index: int, path: np.ndarray, commanded: bool) -> Recording:
+    """Return a recording with other positions of a joint, shape (N,), and its commands moved along."""
+    positions, commands = recording.positions.copy(), recording.commands.copy()
+    positions[:, index] = path
+    if commanded:
+        commands[:, index] -= WHOLE_TURN * np.round((commands[:, index] - path) / WHOLE_TURN)
     return replace(recording, positions=positions, commands=commands)

@@ -67,7 +67,8 @@ class LearnedStepper:
         chosen = slice(None) if rows is None else rows
         self._network.reset_memory(chosen)
         self._diverged[chosen] = False
-        self._states = self.source.states
+        self._states = self.source.states.copy()
+        self._states[self._diverged] = np.nan
 
     def step(self, commands: np.ndarray) -> np.ndarray:
         """Hold the commands for one control period; see `Stepper.step`."""

@@ -30,7 +30,7 @@ LEGEND = {
     "model": "the model that is evaluated",
     "source": "the model as given, or as kept with the checkpoint or dataset",
     "hold": "predicts that nothing moves",
-    "command": "predicts that every joint is where it is told to be",
+    "command": "predicts that every joint is where it is told to be; joints that take no positions hold",
 }
 NO_SIMULATORS: Mapping[str, Simulator] = {}
 EPISODES_SHOWN = 50
@@ -201,8 +201,14 @@ def predict_baselines(
         rollouts["source"] = roll_out_source(dataset, simulator)
     one_step["hold"] = [dataset.states[row] for row in rows]
     rollouts["hold"] = [np.repeat(dataset.states[row.start][None], row.stop - row.start, axis=0) for row in rows]
-    if dataset.commands_positions:
-        one_step["command"] = rollouts["command"] = [dataset.commands[row] for row in rows]
+    if dataset.positional.any():
+        n = len(dataset.joints)
+
+        def command(row: slice, others: np.ndarray) -> np.ndarray:
+            return np.where(dataset.positional, dataset.commands[row], others[..., :n])
+
+        one_step["command"] = [command(row, dataset.states[row]) for row in rows]
+        rollouts["command"] = [command(row, dataset.states[row.start]) for row in rows]
     return one_step, rollouts
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from nas_data.dataset.dataset import Dataset
 from nas_data.errors import DatasetInvalid
 
+STILL = 0.1  # share of the training data's speed below which validation data do not tell a good model from none
 MIN_DRAWN_FROM = 20  # episodes; of fewer, one or two drawn episodes do not represent the others
 
 
@@ -24,6 +25,17 @@ class ValidationSplit:
     train: Dataset
     validation: Dataset
     description: str
+
+    @property
+    def is_still(self) -> bool:
+        """Whether the arm hardly moves in the validation data, in proportion to the training data."""
+        n = len(self.train.joints)
+        train, validation = (
+            np.sqrt(np.square((part.next_states - part.states)[:, :n].astype(float)).mean(axis=0))
+            for part in (self.train, self.validation)
+        )
+        moving = train > 0
+        return bool(moving.any() and (validation[moving] < STILL * train[moving]).all())
 
 
 def split_validation(dataset: Dataset, share: float, seed: int) -> ValidationSplit:

@@ -11,6 +11,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import EFFORT
 from nas_data.errors import DatasetInvalid, JointMismatch, OptionError
 from nas_data.joint_units import SHARE, JointUnit, average_by_kind, group_by_kind
+from nas_data.log import warn
 from nas_data.metrics import Errors
 from nas_data.models.episodes import cut_episodes, join, pad, read_episodes
 from nas_data.models.evaluation import roll_out_model
@@ -77,6 +78,13 @@ class ModelTraining:
         if kind == "delta" and simulator is not None and simulator.remembers:
             dataset = predict_with_memory(dataset, simulator)
         self.split = split_validation(dataset, options.validation, options.seed)
+        if self.split.is_still:
+            warn(
+                [
+                    f"the arm hardly moves in the validation data, {self.split.description}, so that these do not tell "
+                    "when to stop; record longer episodes or more of them, or give --validation 0.3"
+                ]
+            )
         self.free = options.updates > 0 and (kind == "forward" or simulator is not None)
         self.model = self._build(kind, dataset, provenance or {})
         episodes = read_episodes(self.split.train, simulator=simulator)

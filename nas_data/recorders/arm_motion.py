@@ -12,7 +12,9 @@ from nas_data.recorders.path_planner import PathPlanner
 from nas_data.recorders.retry import Retry
 from nas_data.recorders.schedule import Clock
 
-APPROACH = 0.6  # [rad/s] joint speed on a slow path
+APPROACH = 0.6  # [rad/s] highest joint speed on a slow path
+FOLLOWED = 0.8  # share of a speed limit at which the servos keep up with their commands
+SEEKING = 10.0  # [s] allowed for planning a path
 SETTLE = 0.5  # [s] for which a pose is held after an approach
 LEAD = 0.02  # [s] between the start of an episode and its first reading
 COOLING = 5.0  # [s] between two temperature checks while the arm cools
@@ -90,6 +92,7 @@ class ArmMotion:
         arm: The arm.
         clock: Clock of the control loop.
         period: Control period [s].
+        slow_speed: Joint speed on slow paths [rad/s], which the servos can follow.
         vitals: Last known voltages and temperatures.
         retry: Repeats transactions after transient bus errors; by default they are raised at once.
     """
@@ -102,6 +105,7 @@ class ArmMotion:
         largest_step: float,
         planner: PathPlanner,
         extend_deadline: Callable[[float], None] = lambda _: None,
+        speed: float = 0.0,
     ) -> None:
         """Take over an arm whose torque is on.
 
@@ -112,7 +116,9 @@ class ArmMotion:
             largest_step: Largest difference between successive commands [rad]; slides scale it by `planner.radians`.
             planner: Finds collision-free paths.
             extend_deadline: Called at every reading with the time until the next one [s].
+            speed: Speed limit of the servos [rad/s]; 0 for none.
         """
+        self.slow_speed = min(APPROACH, FOLLOWED * min(largest_step / period, speed or np.inf))
         self.arm, self.clock, self.period = arm, clock, period
         self._largest_step, self._planner, self._extend_deadline = (
             largest_step * planner.radians,
@@ -135,8 +141,10 @@ class ArmMotion:
             ArmError: the arm failed.
         """
         begin = self.retry.call(self.arm.read).positions
+        self._extend_deadline(SEEKING)
         corners = np.stack([begin, *self._planner.find(begin, pose)])
-        slow = [plan_slow_path(a, b, self.period, self._planner.radians) for a, b in pairwise(corners)]
+        step = self.slow_speed * self.period * self._planner.radians
+        slow = [plan_slow_path(a, b, step) for a, b in pairwise(corners)]
         self.play(np.concatenate([*slow, np.repeat(pose[None], round(SETTLE / self.period), axis=0)]))
 
     def hold(self, pose: np.ndarray, seconds: float) -> None:
@@ -240,14 +248,13 @@ class ArmMotion:
         self.vitals.voltage[index], self.vitals.temperature[index] = health.voltage, health.temperature
 
 
-def plan_slow_path(begin: np.ndarray, end: np.ndarray, period: float, radians: np.ndarray | float = 1.0) -> np.ndarray:
+def plan_slow_path(begin: np.ndarray, end: np.ndarray, step: np.ndarray | float) -> np.ndarray:
     """Return the commands of a slow straight line in joint space [rad; m], one per period, shape (T, n).
 
     Args:
         begin: First pose [rad; m], shape (n,).
         end: Last pose [rad; m], shape (n,).
-        period: Control period [s].
-        radians: Joint travel that counts as one radian, shape (n,).
+        step: Largest travel in one period [rad; m], one for all or shape (n,).
     """
-    steps = max(1, int(np.ceil((np.abs(end - begin) / radians).max() / APPROACH / period)))
+    steps = max(1, int(np.ceil((np.abs(end - begin) / step).max())))
     return np.asarray(begin + np.arange(1, steps + 1)[:, None] / steps * (end - begin))

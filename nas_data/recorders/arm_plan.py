@@ -59,18 +59,32 @@ class MotionPlan:
         return cls(stored["commands"], stored["poses"], *words)
 
 
-def plan_key(robot: Robot, protocol: PlaybackProtocol, rate: float, speed: float) -> str:
+@dataclass(frozen=True)
+class MotionLimits:
+    """How fast commands come and servos move.
+
+    Attributes:
+        rate: Control rate [Hz].
+        speed: Speed limit of the servos [rad/s]; 0 for none.
+        largest_step: Largest difference between successive commands [rad]; slides scale it by `PathPlanner.radians`.
+    """
+
+    rate: float
+    speed: float
+    largest_step: float = np.inf
+
+
+def plan_key(robot: Robot, protocol: PlaybackProtocol, limits: MotionLimits) -> str:
     """Return all inputs of a plan as one line of JSON: equal lines give equal plans."""
     file = hashlib.sha256(protocol.file.read_bytes()).hexdigest() if protocol.file else None
-    values = {**vars(protocol), "excitation": protocol.excitation.to_json(), "file": file, "rate": rate, "speed": speed}
+    values = {**vars(protocol), "excitation": protocol.excitation.to_json(), "file": file, **vars(limits)}
     return json.dumps({**values, "model": robot.sha256}, sort_keys=True)
 
 
 def draw_plan(
     robot: Robot,
     protocol: PlaybackProtocol,
-    rate: float,
-    speed: float,
+    limits: MotionLimits,
     progress: Callable[[int, int], None] = lambda *_: None,
 ) -> MotionPlan:
     """Draw episodes until the requested number is collision-free; those of a file are only checked.
@@ -78,23 +92,24 @@ def draw_plan(
     Args:
         robot: Model for the collision checks.
         protocol: Commands to draw or read.
-        rate: Control rate [Hz].
-        speed: Speed limit of the servos [rad/s]; 0 for none.
+        limits: Control rate and limits of commands and servos.
         progress: Called with the number of episodes found and the number requested.
 
     Raises:
         OptionError: an episode of a file collides, its episodes differ in length, or too few free ones can be drawn.
     """
     planner = PathPlanner(robot)
-    simulator = MujocoSimulator(robot, 1 / rate, effects=_make_speed_limits(robot, speed * planner.radians), threads=1)
-    target = Target(robot, simulator, Readings(), rate)
+    effects = _make_speed_limits(robot, limits.speed * planner.radians)
+    simulator = MujocoSimulator(robot, 1 / limits.rate, effects=effects, threads=1)
+    target = Target(robot, simulator, Readings(), limits.rate)
+    step = limits.largest_step * planner.radians
     commands, poses, fates = list[np.ndarray](), list[np.ndarray](), list[bool]()
     for attempt in range(ROUNDS):
         session = RecordingSession.draw(target, replace(protocol, seed=protocol.seed + attempt * SEED_STEP))
         wanted = protocol.episodes if protocol.file is None else len(session.commands)
         block = np.stack([_check_length(rows, session.commands[0]) for rows in session.commands])
         first = session.starts[:, : len(simulator.joints)]
-        free = free_of_contact(simulator, block, first, planner)
+        free = free_of_contact(simulator, block, first, planner, step)
         if protocol.file is not None and not free.all():
             raise OptionError(
                 f"{protocol.file}: in episode {int(np.argmin(free))} the arm would touch itself or the floor; "
@@ -111,7 +126,7 @@ def draw_plan(
                 poses=np.stack(poses[:wanted]),
                 task=session.task,
                 replaced=last + 1 - wanted,
-                key=plan_key(robot, protocol, rate, speed),
+                key=plan_key(robot, protocol, limits),
             )
     raise OptionError(
         f"Of {count_of(len(fates), 'episode')} of {session.task}, only {len(commands)} are free of contact with the "
@@ -121,7 +136,11 @@ def draw_plan(
 
 
 def free_of_contact(
-    simulator: MujocoSimulator, commands: np.ndarray, poses: np.ndarray, planner: PathPlanner
+    simulator: MujocoSimulator,
+    commands: np.ndarray,
+    poses: np.ndarray,
+    planner: PathPlanner,
+    step: np.ndarray | float = np.inf,
 ) -> np.ndarray:
     """Return a mask of the collision-free episodes, shape (E,).
 
@@ -132,11 +151,13 @@ def free_of_contact(
         commands: [rad], shape (E, T, n).
         poses: First poses [rad], shape (E, n).
         planner: Checks the slow paths.
+        step: Largest difference between successive commands [rad; m], one for all or shape (n,).
     """
     n, steps = poses.shape[1], commands.shape[1]
     back = np.repeat(poses[:, None], round(RETURN_SECONDS / simulator.period), axis=1)
     initial = np.concatenate([poses, np.zeros_like(poses)], axis=1)
-    path = simulator.rollout(initial, np.concatenate([commands, back], axis=1))[..., :n]
+    sent = limit_steps(np.concatenate([commands, back], axis=1), poses, step)
+    path = simulator.rollout(initial, sent)[..., :n]
     seen = path[:, :: max(1, round(CHECK_INTERVAL / simulator.period))]
     counts = count_contacts(simulator, seen.reshape(-1, n)).reshape(len(poses), -1)
     free = np.asarray((counts == 0).all(axis=1) & (count_contacts(simulator, poses) == 0))
@@ -144,6 +165,20 @@ def free_of_contact(
         last, first = path[episode, steps - 1], poses[episode]
         free[episode] = planner.exists(last, planner.rest) and planner.exists(planner.rest, first)
     return free
+
+
+def limit_steps(commands: np.ndarray, poses: np.ndarray, step: np.ndarray | float) -> np.ndarray:
+    """Return commands as an arm sends them [rad; m], shape (E, T, n): none differs from the one before by more.
+
+    Args:
+        commands: Wanted commands [rad; m], shape (E, T, n).
+        poses: Commands before the first ones [rad; m], shape (E, n).
+        step: Largest difference [rad; m], one for all or shape (n,).
+    """
+    sent, last = np.empty_like(commands), poses
+    for number in range(commands.shape[1]):
+        sent[:, number] = last = last + np.clip(commands[:, number] - last, -step, step)
+    return sent
 
 
 def _make_speed_limits(robot: Robot, speeds: np.ndarray) -> list[Effect]:

@@ -85,7 +85,15 @@ class GuardedArm:
         setup.planner.find(self.arm.read().positions, pose)
         self.arm.configure()
         self.arm.torque_on()
-        return ArmMotion(self.arm, self._clock, 1 / setup.rate, setup.largest_step, setup.planner, self.extend_deadline)
+        return ArmMotion(
+            self.arm,
+            self._clock,
+            1 / setup.rate,
+            setup.largest_step,
+            setup.planner,
+            self.extend_deadline,
+            setup.driver.speed,
+        )
 
     def extend_deadline(self, seconds: float) -> None:
         """Tell the watchdog that the next message comes within a time [s].

@@ -65,6 +65,7 @@ def compute_frame(
 
     Raises:
         JointMismatch: the model lacks a motor's joint, or an option names an unknown joint.
+        OptionError: the ranges of calibration and model have nothing in common.
     """
     names, zero = tuple(bus.motors), zero or {}
     for joint in (*reverse, *zero):
@@ -88,6 +89,12 @@ def compute_frame(
         zeros[index] = at - zero.get(name, there) / ticks[index]
     ends = np.array([[calibration[name].range_min, calibration[name].range_max] for name in names]).T
     first, last = np.sort((ends - zeros) * ticks, axis=0)
+    for name, apart in zip(names, np.maximum(low, first) >= np.minimum(high, last), strict=True):
+        if apart:
+            raise OptionError(
+                f"The calibrated range of '{name}' lies outside the model's; check --zero {name}=POSITION (in rad, of "
+                f"slides in m) and --reverse {name}, or calibrate the arm again."
+            )
     return Frame(names, zeros, ticks, np.maximum(low, first), np.minimum(high, last), slides)
 
 

@@ -1,7 +1,7 @@
 """Import of recorded logs as a dataset: read by a map, audited, aligned, and resampled if the map asks for it."""
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,12 +10,9 @@ import numpy as np
 from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import subtasks
-from nas_data.dataset.descriptions import describe_left_out
 from nas_data.dataset.features import (
     ACTION,
-    ENVIRONMENT,
     NEXT_STATE,
-    SIM_STATE,
     STATE,
     TIME,
     Feature,
@@ -23,8 +20,6 @@ from nas_data.dataset.features import (
     make_state_feature,
     make_time_feature,
 )
-from nas_data.dataset.merge import merge_passthrough
-from nas_data.dataset.passthrough import VIDEO_LEFT_OUT, PassthroughFeatures, shared_features
 from nas_data.dataset.provenance import Parent, Provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.recording import Recording
@@ -38,6 +33,7 @@ from nas_data.importing.reading import SUFFIXES, read_log, refuse_nothing, repor
 from nas_data.importing.resampling import resample
 from nas_data.importing.unwrapping import unwrap as unwrap_turns
 from nas_data.joint_units import convert_hinge_unit
+from nas_data.recorders.lerobot_features import add_other_features
 from nas_data.visible_files import list_visible_files
 
 MAP_ATTACHMENT = "meta/import_map.toml"
@@ -67,7 +63,7 @@ def import_logs(
     paths: Sequence[Path],
     mapping: Map,
     progress: Callable[[str], None] = lambda _: None,
-    unwrap: bool = False,
+    unwrap: Mapping[str, float] | None = None,
 ) -> Import:
     """Import logs as a dataset.
 
@@ -75,7 +71,8 @@ def import_logs(
         paths: Logs, or folders of logs.
         mapping: Map from a log to joints, commands and signals.
         progress: Called with the number and name of each log before it is read.
-        unwrap: Whether to unwrap joints whose encoders jump after a whole turn.
+        unwrap: Middle of the range of joints that have one [rad]; if given, joints whose encoders jump after a whole
+            turn are unwrapped. None leaves them.
 
     Raises:
         LogError: a log cannot be read, or an audit reports an error.
@@ -88,10 +85,10 @@ def import_logs(
         progress(f"{number}/{len(logs)} {log.name}")
         episodes, left_out = read_log(log, mapping)
         findings += allow(left_out, mapping)
-        for recorded in episodes:
-            recording = _unwrap(recorded, mapping) if unwrap else recorded
-            findings += audit(recording, mapping)
-            recordings.append(recording)
+        recordings += episodes
+    if unwrap is not None:
+        recordings = _unwrap(recordings, mapping, unwrap)
+    findings += audit(recordings, mapping)
     raise_audit_errors(findings)
     refuse_nothing(recordings, findings)
     finished = [_finish(recording, mapping) for recording in recordings]
@@ -102,7 +99,7 @@ def import_logs(
     dataset, kept = _convert_recordings(ready, mapping), {}
     if mapping.layout.format == "lerobot":
         kept = subtasks([resolve(log) for log in logs])
-        dataset, lost = _add_other_features(dataset, ready, mapping)
+        dataset, lost = add_other_features(dataset, ready, mapping)
         findings += lost
     return Import(
         dataset=dataset,
@@ -112,11 +109,12 @@ def import_logs(
     )
 
 
-def _unwrap(recording: Recording, mapping: Map) -> Recording:
+def _unwrap(recordings: Sequence[Recording], mapping: Map, centres: Mapping[str, float]) -> list[Recording]:
     """Remove the whole turns by which encoders jump."""
     kinds = dict(zip(mapping.joints, mapping.command.conversion.kinds, strict=True))
     commanded = {joint for joint, kind in kinds.items() if kind == "position"}
-    return unwrap_turns(recording, set(mapping.joints) - mapping.slides, commanded)
+    centres = {**centres, **{joint: (low + high) / 2 for joint, (low, high) in mapping.limits.items()}}
+    return unwrap_turns(recordings, set(mapping.joints) - mapping.slides, commanded, centres)
 
 
 def find_logs(paths: Sequence[Path], mapping: Map) -> list[Path]:
@@ -209,61 +207,6 @@ def _convert_recordings(recordings: Sequence[Recording], mapping: Map) -> Datase
         robot_type=mapping.robot,
         tasks=tuple(_format_task(recording, mapping) for recording in recordings),
     )
-
-
-def _add_other_features(
-    dataset: Dataset, recordings: Sequence[Recording], mapping: Map
-) -> tuple[Dataset, Sequence[AuditFinding]]:
-    """Add the other features of LeRobot datasets: vectors, and passed-through data such as videos.
-
-    Returns:
-        The dataset, and a finding on each passed-through feature that is left out.
-    """
-    sources = {file: read(resolve(Path(file))) for file in dict.fromkeys(recording.file for recording in recordings)}
-    first, *others = sources.values()
-    used = {STATE, ACTION, NEXT_STATE, SIM_STATE, TIME, *dataset.features}
-    used |= {name for signal in mapping.signals.values() for name in signal.source.columns}
-    shared = [key for key in first.features if all(key in other.features for other in others) and key not in used]
-    for key in shared:
-        rows = [sources[recording.file].columns[key][recording.rows[:-1]] for recording in recordings]
-        dataset = dataset.with_column(key, first.features[key], np.concatenate(rows))
-        if key == ENVIRONMENT:
-            rows = [sources[recording.file].columns[key][recording.rows[1:]] for recording in recordings]
-            dataset = dataset.with_column(f"next.{key}", first.features[key], np.concatenate(rows))
-    if mapping.task == "{task}" and not mapping.resample:
-        frame_tasks = [sources[recording.file].task_of_frame[recording.rows[:-1]] for recording in recordings]
-        dataset = replace(dataset, frame_tasks=np.concatenate(frame_tasks))
-    passthrough = [
-        source.passthrough
-        and source.passthrough.take(np.concatenate([r.rows[:-1] for r in recordings if r.file == file]))
-        for file, source in sources.items()
-    ]
-    kept = None if mapping.resample else merge_passthrough(passthrough)
-    if kept is not None and mapping.fps != first.fps:
-        kept = kept.without_videos()
-    return replace(dataset, passthrough=kept), _report_lost(recordings, passthrough, kept, mapping)
-
-
-def _report_lost(
-    recordings: Sequence[Recording],
-    passthrough: Sequence[PassthroughFeatures | None],
-    kept: PassthroughFeatures | None,
-    mapping: Map,
-) -> list[AuditFinding]:
-    """Return a finding on the passed-through features that are left out, for each reason."""
-    everything = {key: entry for part in passthrough if part for key, entry in part.features.items()}
-    lost = {key: entry for key, entry in everything.items() if kept is None or key not in kept.features}
-    shared = set(shared_features(passthrough))
-    reasons = {
-        "they belong to the rows that were recorded, which are resampled": lost if mapping.resample else {},
-        "not every dataset has them, or not all store them alike": {} if mapping.resample else lost.keys() - shared,
-        VIDEO_LEFT_OUT: {} if mapping.resample else lost.keys() & shared,
-    }
-    file = recordings[0].file
-    sentences = [
-        describe_left_out({key: lost[key] for key in lost if key in keys}, why) for why, keys in reasons.items() if keys
-    ]
-    return [AuditFinding("left_out", file, sentence) for sentence in sentences]
 
 
 def _stack_states(recording: Recording) -> np.ndarray:

@@ -11,7 +11,7 @@ from nas_data.joint_units import compute_angle_scales
 from nas_data.robots.base import Robot
 from nas_data.simulators.contact import ContactDistances, count_contacts, find_contacts
 from nas_data.simulators.integrals import compute_weight
-from nas_data.simulators.limits import command_limits
+from nas_data.simulators.limits import command_limits, find_rest_pose
 from nas_data.simulators.mujoco import MujocoSimulator
 from nas_data.simulators.poses import complete_poses
 
@@ -33,7 +33,7 @@ class PathPlanner:
     def __init__(self, robot: Robot) -> None:
         self._simulator = MujocoSimulator(robot, 1 / robot.rate, threads=1)
         self._scratch = mujoco.MjData(self._simulator.model)
-        self.rest = np.array(robot.rest or np.zeros(len(robot.joints)))
+        self.rest = find_rest_pose(robot, self._simulator.model)
         low, high = command_limits(self._simulator.model, robot.joints, robot.name)
         self.radians = compute_angle_scales(robot.joints, self.slides, high - low)
 

@@ -16,7 +16,13 @@ from nas_data.excitations.base import Excitation
 from nas_data.recorders.readings import Readings
 from nas_data.robots.base import Robot
 from nas_data.simulators.base import Simulator
-from nas_data.simulators.limits import command_limits, command_radians, find_excitable_limits, position_limits
+from nas_data.simulators.limits import (
+    command_limits,
+    command_radians,
+    find_excitable_limits,
+    find_rest_pose,
+    position_limits,
+)
 
 SETTLE = 0.5  # [s] for which the first pose is held before the recording starts
 RESET_SHARE = 0.2  # part of each joint's range in which the paper's resets draw a pose
@@ -44,11 +50,7 @@ class Target:
 
     def rest_pose(self) -> np.ndarray:
         """Return the robot's rest pose, else the pose closest to zero within the ranges [rad; m], shape (n,)."""
-        joints = self.simulator.joints
-        if self.robot.rest:
-            return np.array(self.robot.rest)
-        low, high = position_limits(self.robot.spec().compile(), joints, str(self.robot.mjcf))
-        return np.clip(np.zeros(len(joints)), low, high)
+        return find_rest_pose(self.robot, self.robot.spec().compile())
 
     def describe(self, blind: bool) -> dict[str, object]:
         """Return the target for provenance; `blind` omits its effects."""
@@ -83,6 +85,11 @@ class PlaybackProtocol:
     def __post_init__(self) -> None:
         if self.seed < 0:
             raise OptionError(f"--seed is {self.seed}; it must be 0 or more.")
+        if self.file and self.joints:
+            raise OptionError(
+                f"--joints has no effect on the commands of {self.file}, which move all joints: leave it out, or let "
+                "the other joints rest in the file."
+            )
 
     def signal(self) -> dict[str, object]:
         """Return the command signal for provenance."""

@@ -117,8 +117,7 @@ def begin(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> set[str]:
         OutputExists: the folder holds something else, or the same work with another plan or by other code.
     """
     missing = list_missing(stages, work)
-    if not (work.folder / PLAN).is_file():
-        write_atomic(work.folder / PLAN, (json.dumps(work.plan.describe(), indent=1) + "\n").encode())
+    write_atomic(work.folder / PLAN, (json.dumps(work.plan.describe(), indent=1) + "\n").encode())
     for name in (name for name, is_outdated in missing.items() if is_outdated):
         find_result(name, work.folder).unlink(missing_ok=True)
     return set(missing)
@@ -154,7 +153,7 @@ def check_plan(work: Work[Plan]) -> None:
     """Refuse a folder of something else.
 
     Raises:
-        OutputExists: it holds something else, or the same work with another plan.
+        OutputExists: it holds something else, or finished stages of the same work with another plan.
     """
     path = work.folder / PLAN
     if path.is_file():
@@ -164,7 +163,7 @@ def check_plan(work: Work[Plan]) -> None:
         except ValueError:
             held = {}
         different = [key for key in plan if held.get(key) != plan[key]]
-        if different:
+        if different and any((work.folder / STAGES).glob("*.json")):
             raise OutputExists(
                 f"{work.folder} holds a {work.name} that differs in {', '.join(different)}; "
                 "remove it or choose another --out."

@@ -83,6 +83,13 @@ def check(
     return found
 
 
+def find_hinge_centres(model: str | Path) -> dict[str, float]:
+    """Return the middle of the range [rad] of the hinges of a model that have one."""
+    compiled = find_robot(model).spec().compile()
+    joints = [compiled.joint(index) for index in range(compiled.njnt)]
+    return {joint.name: float(joint.range.mean()) for joint in joints if joint.type[0] == HINGE and joint.limited[0]}
+
+
 def find_radian_equivalent(dataset: Dataset, model: mujoco.MjModel, joint: str) -> float:
     """Return the travel that counts as one radian: 1 for a hinge, a share of its range [m] for a slide."""
     index = model.joint(joint).id
@@ -99,6 +106,7 @@ def _check_kind(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[Aud
     read, is_one, units = ("a length", "hinge", "rad, deg") if turns else ("an angle", "slide", "m, cm, mm")
     what = f"{joint} was read as {read}, but is a {is_one}"
     remedy = f"give it {'an angle' if turns else 'a length'} for a unit in the map ({units})"
+    remedy += ", or take it out of 'slides'" if turns else ", or name it in 'slides' if its unit is 'normalised'"
     return [_make_finding("model_kind", f"{what} in the model", remedy)]
 
 

@@ -40,8 +40,8 @@ def find_contacts(simulator: MujocoSimulator, pose: np.ndarray, data: mujoco.MjD
     return found
 
 
-def find_lasting_overlaps(simulator: MujocoSimulator, positions: np.ndarray) -> ContactDistances:
-    """Return the pairs of bodies that overlap in nearly all poses, as shapes that are too wide do.
+def find_lasting_overlaps(simulator: MujocoSimulator, positions: np.ndarray) -> dict[tuple[int, int], float]:
+    """Return the pairs of bodies, by index, that overlap in nearly all poses, as shapes that are too wide do.
 
     Args:
         simulator: Simulator with the model.
@@ -62,7 +62,7 @@ def find_lasting_overlaps(simulator: MujocoSimulator, positions: np.ndarray) -> 
         for pair, depth in depths.items():
             found.setdefault(pair, []).append(depth)
     return {
-        (str(model.body(one).name), str(model.body(other).name)): min(depths)
+        (one, other): min(depths)
         for (one, other), depths in found.items()
         if len(depths) >= LASTING_SHARE * len(positions)
     }

@@ -10,6 +10,7 @@ from nas_data.simulators.base import Simulator
 
 ENGINE_NAMES = {"mujoco": "MuJoCo", "bullet": "PyBullet"}
 ENGINES = tuple(ENGINE_NAMES)
+MUJOCO = ENGINES[0]
 
 
 def load_simulator(

@@ -8,6 +8,7 @@ import numpy as np
 from nas_data.dataset.features import EFFORT, POSITION
 from nas_data.errors import OptionError
 from nas_data.joint_units import compute_angle_scales
+from nas_data.robots.base import Robot
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.controls import command_range, find_command
 from nas_data.simulators.layout import find_joint_index
@@ -63,6 +64,13 @@ def position_limits(model: mujoco.MjModel, joints: Sequence[str], name: str) -> 
         if find_command(model, index, name)[1].kind != POSITION:
             low[row], high[row] = model.jnt_range[index] if model.jnt_limited[index] else (-np.inf, np.inf)
     return low, high
+
+
+def find_rest_pose(robot: Robot, model: mujoco.MjModel) -> np.ndarray:
+    """Return a robot's rest pose, else the pose closest to zero within the ranges [rad; m], shape (n,)."""
+    if robot.rest:
+        return np.array(robot.rest)
+    return np.clip(np.zeros(len(robot.joints)), *position_limits(model, robot.joints, str(robot.mjcf)))
 
 
 def command_radians(simulator: Simulator, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -23,15 +23,17 @@ def explain_missing_actuator(model: mujoco.MjModel, joint: int, name: str) -> st
         joint: Index of the joint.
         name: Name of the model.
     """
-    own = model.joint(joint).name
+    own, leader = model.joint(joint).name, find_leader(model, joint)
+    partner = _find_joint_partner(model, joint)
+    if partner is not None:
+        leader = f"'{model.joint(partner).name}'"
     for actuator in find_reaching_actuators(model, [int(model.jnt_dofadr[joint])]):
         through = describe_transmission(model, actuator)
-        if through is not None:
+        if through is not None and partner is None:
             return (
                 f"'{own}' of {name} is moved through {through} by the actuator{_quote(model, actuator)}, but only an "
                 f'actuator of the joint itself takes its commands; replace it by <position joint="{own}" kp="…"/>.'
             )
-    leader = find_leader(model, joint)
     if leader is not None:
         return (
             f"'{own}' of {name} follows {leader} (an equality or mimic of the model) and takes no commands; leave it "
@@ -57,6 +59,14 @@ def _find_joint_leader(model: mujoco.MjModel, joint: int) -> int | None:
     between = (model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)) & model.eq_active0 & (model.eq_obj2id >= 0)
     found = model.eq_obj2id[between & (model.eq_obj1id == joint)]
     return int(found[0]) if len(found) else None
+
+
+def _find_joint_partner(model: mujoco.MjModel, joint: int) -> int | None:
+    """Return the other joint of an active equality between two joints, whichever of them is given first."""
+    between = (model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)) & model.eq_active0 & (model.eq_obj2id >= 0)
+    led = model.eq_obj1id[between & (model.eq_obj2id == joint)]
+    leader = _find_joint_leader(model, joint)
+    return leader if leader is not None else (int(led[0]) if len(led) else None)
 
 
 def warn_of_held_actuators(

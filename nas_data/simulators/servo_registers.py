@@ -3,17 +3,20 @@
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import mujoco
 
 from nas_data.count_of import join_items
-from nas_data.dataset.provenance import Provenance
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.effects.edits.derived_servo_values import fix_derived_values
 from nas_data.errors import ModelFileError
 from nas_data.robots.base import ConsecutiveEdits, Robot
 from nas_data.simulators.register_changes import Setting
-from nas_data.simulators.register_kinds import KINDS, TORQUE, RegisterKind
+from nas_data.simulators.register_kinds import KINDS, P_GAIN, TORQUE, RegisterKind
 
+P_GAIN_COLUMN = "nas.p_gain"  # of a dataset: P register of the servos, one for all joints or one each
 Values = Mapping[str, Mapping[str, float]]  # by register and joint
 
 
@@ -28,6 +31,18 @@ class ServoRegisters:
 
     values: Values = field(default_factory=dict)
     changing: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, dataset: Dataset, root: Path | None = None) -> "ServoRegisters":
+        """Return the registers of a recording; position gains that its frames hold are left to `gap.gains`.
+
+        Args:
+            dataset: The recording.
+            root: Its folder, for a dataset without an origin.
+        """
+        provenance = dataset.origin.provenance if dataset.origin else read_provenance(root) if root else None
+        registers = cls.read(provenance, dataset.joints)
+        return registers.without(P_GAIN) if P_GAIN_COLUMN in dataset.columns else registers
 
     @classmethod
     def read(cls, provenance: Provenance | None, joints: Sequence[str]) -> "ServoRegisters":

@@ -71,6 +71,13 @@ def test_what_a_killed_writer_left_is_removed(tmp_path):
     assert same(read(tmp_path / "rec"), EPISODES.select(range(3)))
 
 
+def test_names_with_brackets_are_no_patterns(tmp_path):
+    grown(tmp_path / "run1.recording", 2)
+    grown(tmp_path / "run[1].recording", 3)
+    assert IncrementalWriter(tmp_path / "run1.recording").episodes == 2
+    assert len(list(tmp_path.iterdir())) == 4
+
+
 def test_something_else_is_not_touched(tmp_path):
     (tmp_path / "rec").mkdir()
     with pytest.raises(OutputExists):

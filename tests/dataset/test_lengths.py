@@ -126,7 +126,8 @@ def test_a_slide_that_a_map_reads_as_an_angle_is_reported_and_the_remedy_works(t
     angles = recorded(joints=("j", "g"))
     (finding,) = check(angles, tmp_path / "arm.xml")
     assert finding.message == (
-        "g was read as an angle, but is a slide in the model; give it a length for a unit in the map (m, cm, mm)."
+        "g was read as an angle, but is a slide in the model; give it a length for a unit in the map (m, cm, mm), or "
+        "name it in 'slides' if its unit is 'normalised'."
     )
     features = {**angles.features, STATE: make_state_feature(("j", "g"), ("g",))}
     assert check(replace(angles, features=features), tmp_path / "arm.xml") == []

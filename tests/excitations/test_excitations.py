@@ -37,6 +37,13 @@ def test_commands_lie_within_the_share_of_the_limits(name, limits, seed, share, 
     assert beyond.max() < 1e-9
 
 
+@pytest.mark.parametrize("name", ["sine", "multisine"])
+def test_a_band_of_frequencies_begins_with_the_slowest(name):
+    with pytest.raises(OptionError, match="give both, slowest first"):
+        parse(f"{name}:slowest=8,fastest=2")
+    assert parse("chirp:slowest=8,fastest=2").slowest == 8  # it starts at 8 Hz
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_same_seed_same_bits_and_another_seed_others(name):
     excitation = find_excitation(name)()
@@ -59,7 +66,7 @@ def test_joints_and_episodes_move_differently_and_use_their_range(name):
 def test_text_reads_back_as_the_same_excitation(name):
     excitation = find_excitation(name)()
     for field in fields(excitation):
-        changed = replace(excitation, **{field.name: 0.5 if field.name == "share" else 2})
+        changed = replace(excitation, **{field.name: 0.5 if field.name in ("share", "slowest") else 2})
         text = f"{name}:" + ",".join(f"{key}={value!r}" for key, value in changed.to_json()["parameters"].items())
         assert parse(text) == changed
     assert parse(name) == excitation

@@ -13,13 +13,14 @@ from support.xl320_samples import be_patient, be_quick
 import nas_data as nas
 from nas_data.cli import main
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.derive_provenance import Original, join_registers
 from nas_data.dataset.origin import Origin
 from nas_data.dataset.provenance import Provenance
+from nas_data.dataset.target_episodes import join_targets, select_episodes
 from nas_data.effects.base import Effect, add_effects, parse
 from nas_data.effects.edits.servo import read_torque_limit
 from nas_data.errors import ModelFileError
 from nas_data.gap.model_correction import ModelCorrection
+from nas_data.reports.films.motion import follow
 from nas_data.robots.base import FOLDER, Robot, find_robot
 from nas_data.simulators.goal_registers import read_goal_band
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -30,6 +31,7 @@ PENDULUM = (FOLDER / "pendulum.xml").read_text()
 STATED = """<custom><numeric name="p_gain" data="400"/><numeric name="torque_limit" data="1000"/>
 <numeric name="moving_speed" data="0"/></custom>"""
 FULL = {"p_gain": 400, "torque_limit": 1000, "moving_speed": 0}
+LOW = FULL | {"p_gain": 200}
 # Each register with the effect that it is in the arm; the model's torque limit is 0.7124 N·m.
 CHANGED = {
     "p_gain": ({"p_gain": 200}, "servo_stiffness:joint=pendulum,factor=0.5"),
@@ -357,14 +359,57 @@ def test_what_is_no_setting_of_a_moving_servo_is_left_out():
 
 
 def test_merged_recordings_keep_their_registers():
-    one = told(recording("command_delay:delay=0", 2), FULL)
-    other = told(recording("command_delay:delay=0", 3), FULL | {"p_gain": 200})
-    originals = [Original(Path("a"), each, each.origin.provenance) for each in (one, one, other)]
-    history = join_registers(originals)["registers"]
+    one, other = told(recording("command_delay:delay=0", 2), FULL), told(recording("command_delay:delay=0", 3), LOW)
+    parts = [(each.origin.provenance.target, each.n_episodes) for each in (one, one, other)]
+    history = join_targets(parts)["registers"]
     assert [entry["from_episode"] for entry in history] == [0, 4]
     assert history[1]["joints"]["pendulum"]["p_gain"] == 200
-    unknown = Original(Path("c"), one, Provenance(how="hardware", target={}))
-    assert join_registers([*originals, unknown]) is None
+    assert join_targets([*parts, ({}, 2)]) is None
+    # the same history in two recordings is one after the other
+    twice = join_targets([({"registers": [{"from_episode": 0, "joints": 1}, {"from_episode": 2, "joints": 2}]}, 3)] * 2)
+    assert [entry["from_episode"] for entry in twice["registers"]] == [0, 2, 3, 5]
+
+
+def test_a_part_of_a_recording_has_its_own_registers_and_logs():
+    target = {"kind": "log", "episodes": ["a", "b", "c"], "registers": [
+        {"from_episode": 0, "joints": 1}, {"from_episode": 2, "joints": 2}]}  # fmt: skip
+    part = select_episodes(target, [2, 0, 0])
+    assert part == {"kind": "log", "episodes": ["c", "a", "a"], "registers": [
+        {"from_episode": 0, "joints": 2}, {"from_episode": 1, "joints": 1}]}  # fmt: skip
+    assert join_targets([(select_episodes(target, [0, 1]), 2), (select_episodes(target, [2]), 1)]) == target
+
+
+def test_registers_stay_with_their_episodes_through_split_cut_and_merge(tmp_path, monkeypatch, arm):
+    monkeypatch.chdir(tmp_path)
+    whole = told(recording(CHANGED["p_gain"][1], 3), FULL, LOW)  # the first episode's register is another
+    root = whole.save(tmp_path / "datasets/arm")
+    assert main(["split", str(root), "--episodes", "1-2", "--names", "low", "full"]) == 0
+    assert main(["split", "datasets/low", "--seconds", "1", "--name", "cut"]) == 0
+    assert main(["merge", "datasets/full", "datasets/low", "--name", "again"]) == 0
+
+    def gains(dataset: Dataset) -> list[tuple[int, float]]:
+        history = dataset.origin.provenance.target["registers"]
+        return [(entry["from_episode"], entry["joints"]["pendulum"]["p_gain"]) for entry in history]
+
+    assert gains(nas.Dataset.load("datasets/low")) == gains(nas.Dataset.load("datasets/cut")) == [(0, 200)]
+    assert gains(nas.Dataset.load("datasets/again")) == [(0, 400), (1, 200)]
+    assert gains(nas.Dataset.load(root, [2])) == gains(nas.Dataset.load(root).select([1])) == [(0, 200)]
+    assert source_error(arm, nas.Dataset.load("datasets/cut")) < 1e-4
+
+
+def test_pairs_and_films_have_the_recordings_registers(arm, tmp_path, capsys):
+    dataset = told(recording(CHANGED["p_gain"][1], 2), LOW)
+    paired = nas.pair(dataset, model=arm)
+    assert paired.sim_states == pytest.approx(paired.next_states, abs=1e-5)
+    assert follow(dataset.select([1]), 1, [str(arm)]).ghosts[1].errors.max() < 1e-4
+    # once: the stored source has them already
+    kept = nas.Dataset.load(paired.save(tmp_path / "paired"))
+    assert nas.evaluate(nas.train_delta(kept, updates=1), kept).open_loop["source"].overall < 1e-4
+    root = dataset.save(tmp_path / "raw")
+    assert main(["pair", str(root), "--model", str(arm), "--out", str(tmp_path / "out")]) == 0
+    assert "the position gain is multiplied by 0.5" in capsys.readouterr().out
+    known = nas.pair(nas.Dataset.load(tmp_path / "out"), model=arm)
+    assert known.sim_states == pytest.approx(known.next_states, abs=1e-5)
 
 
 RECORD = ("record", "ergojr", "--port", "virtual", "--lockstep", "--rate", "50", "--seconds", "2")

@@ -18,10 +18,11 @@ from nas_data.effects.base import add_effects, parse, read_effects
 from nas_data.errors import DatasetInvalid, ModelFileError
 from nas_data.gap.episode_batch import EpisodeBatch, cut_window
 from nas_data.gap.finding.torque_off import TORQUE, find_run_and_fall, keep_torque_on_and_fall
-from nas_data.gap.gains import REGISTER, with_relative_gains
+from nas_data.gap.gains import with_relative_gains
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
 from nas_data.simulators.mujoco import SERVO_GROUP, MujocoSimulator
+from nas_data.simulators.servo_registers import P_GAIN_COLUMN
 
 RESULTS = Path(__file__).parents[2] / "docs/results"
 MODEL = RESULTS / "xl330.xml"
@@ -61,7 +62,7 @@ def recorded(registers: list[float], on: int = STEPS, width: int = 1) -> Dataset
         "observation.state": Feature(names),
         "action": Feature(names[:1]),
         "next.observation.state": Feature(names),
-        REGISTER: Feature(tuple(f"p_gain{i}" for i in range(width))),
+        P_GAIN_COLUMN: Feature(tuple(f"p_gain{i}" for i in range(width))),
         TORQUE: Feature(("torque_enable",)),
     }
     powered = np.tile(np.arange(STEPS) < on, len(registers))[:, None].astype(float)
@@ -69,7 +70,7 @@ def recorded(registers: list[float], on: int = STEPS, width: int = 1) -> Dataset
         "observation.state": before.reshape(-1, 2),
         "action": seen.commands.reshape(-1, 1),
         "next.observation.state": states.reshape(-1, 2),
-        REGISTER: np.repeat(registers, STEPS)[:, None].repeat(width, axis=1).astype(float),
+        P_GAIN_COLUMN: np.repeat(registers, STEPS)[:, None].repeat(width, axis=1).astype(float),
         TORQUE: powered,
     }
     return Dataset(features, columns, np.full(len(registers), STEPS), 1 / PERIOD)
@@ -193,9 +194,9 @@ def test_what_is_no_gain_is_refused(value: float, tmp_path: Path):
 
 def test_a_gain_that_changes_within_an_episode_is_refused():
     dataset = recorded([400, 400])
-    gains = dataset.columns[REGISTER].copy()
+    gains = dataset.columns[P_GAIN_COLUMN].copy()
     gains[20:] = 800
-    dataset = replace(dataset, columns={**dataset.columns, REGISTER: gains})
+    dataset = replace(dataset, columns={**dataset.columns, P_GAIN_COLUMN: gains})
     with pytest.raises(DatasetInvalid, match="episode 0 of data is 400, 800"):
         with_relative_gains(dataset, MODEL, "data")
     with pytest.raises(DatasetInvalid, match="2 columns"):

@@ -24,7 +24,7 @@ RELEASED = '[signals.torque_enable]\ncolumn = "on"\nunit = "1"'
 def findings(folder: Path, recording: Motion, extra: str = "", **changes: str) -> list[AuditFinding]:
     log = write_log(folder / "log.npz", columns_of(recording))
     mapping = load_map(write_map(folder, map_text(extra=extra, **changes)))
-    return [finding for part in read_log(log, mapping)[0] for finding in audit(part, mapping)]
+    return audit(read_log(log, mapping)[0], mapping)
 
 
 def only(found: list[AuditFinding], check: str) -> list[AuditFinding]:
@@ -289,7 +289,7 @@ def test_single_repeated_samples_are_reported_by_row(tmp_path, policy):
     log = write_log(tmp_path / "log.npz", columns_of(recording.edited(position=position, velocity=velocity)))
     mapping = load_map(write_map(tmp_path, text))
     (part,), _ = read_log(log, mapping)
-    (finding,) = only(audit(part, mapping), "repeated_samples")
+    (finding,) = only(audit([part], mapping), "repeated_samples")
     assert set(finding.rows) <= set(repeated.tolist())
     assert len(finding.rows) > 0.6 * len(repeated)  # near a turning point nothing moves, stale or not
 

@@ -57,3 +57,20 @@ def test_a_lerobot_dataset_in_radians_is_unwrapped_without_a_map(tmp_path, monke
     for (states, _), frames in zip(true, dataset.episodes(), strict=True):
         found = dataset.states[frames, :2]
         np.testing.assert_allclose(found - found[0], (states - states[0])[:-1], atol=1e-5)
+
+
+def test_episodes_of_an_unwrapped_joint_are_not_a_turn_apart(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    columns = columns_of(motion())
+    swing = columns["q"] - columns["q"].mean(axis=0)
+    for number, (q, goal) in enumerate([(swing + np.pi, columns["goal"]), (-swing + np.pi, columns["goal"])]):
+        Path("logs").mkdir(exist_ok=True)
+        write_log(Path(f"logs/{number}.npz"), columns | {"q": wrap(q), "goal": wrap(goal)})
+    for name, limits, expected in (("first", "", None), ("limits", "[limits]\nshoulder = [-5.0, -1.0]\n", -np.pi)):
+        write_map(tmp_path, map_text(velocity='"derive"') + limits)
+        assert main(["import", "logs", "--map", "map.toml", "--unwrap", "--out", name]) == 0
+        dataset = read(Path(name))
+        means = [dataset.states[rows, 0].mean() for rows in dataset.episodes()]
+        assert abs(means[0] - means[1]) < np.pi
+        if expected:
+            assert means == pytest.approx([expected] * 2, abs=1.0)

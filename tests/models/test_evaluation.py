@@ -355,3 +355,16 @@ def test_torch_has_one_thread_while_models_are_evaluated(monkeypatch):
         assert torch.get_num_threads() == 2
     finally:
         torch.set_num_threads(before)
+
+
+def test_the_command_baseline_holds_joints_that_are_told_a_speed_or_a_torque():
+    rows = np.array([[0.1, 0.2], [0.3, 0.5], [0.6, 0.9]])
+    commands = rows + 1
+    mixed = Dataset.from_arrays(rows, commands, rate=50, joints=("a", "b"), kind=("position", "velocity"))
+    result = evaluate(mixed, None, None)
+    told = root_mean_square(mixed.commands[:, 0] - mixed.next_states[:, 0])
+    for errors, held in ((result.one_step, mixed.states[:, 1]), (result.open_loop, mixed.states[0, 1])):
+        expected = {"a": told, "b": root_mean_square(held - mixed.next_states[:, 1])}
+        assert errors["command"].per_joint == pytest.approx(expected, rel=1e-6)
+    torques = Dataset.from_arrays(rows, commands, rate=50, joints=("a", "b"), kind=("torque", "torque"))
+    assert "command" not in evaluate(torques, None, None).open_loop

@@ -359,3 +359,16 @@ def test_an_arm_of_one_kind_is_validated_in_its_own_unit():
     assert training.criterion == "open-loop position RMSE [rad]"
     assert training.model.provenance["validation_unit"] == "rad"
     np.testing.assert_array_equal(training.scales, 1.0)
+
+
+@pytest.mark.parametrize("ends_at_rest", [True, False])
+def test_validation_data_at_rest_are_told(ends_at_rest, caplog):
+    dataset = paired_pendulum((60,) * 4)
+    if ends_at_rest:
+        columns = {key: values.copy() for key, values in dataset.columns.items()}
+        for rows in dataset.episodes():
+            for key in (STATE, NEXT_STATE):
+                columns[key][rows.stop - 6 : rows.stop] = dataset.states[rows.stop - 6]
+        dataset = replace(dataset, columns=columns)
+    ModelTraining("delta", dataset, replace(TINY, updates=0, validation=0.1), device="cpu")
+    assert ("give --validation 0.3" in caplog.text) == ends_at_rest

@@ -15,11 +15,13 @@ from hypothesis.extra.numpy import arrays
 from support.first_order_arm import FirstOrderArm
 
 from nas_data import cli
-from nas_data.commands.policy_train import suggest_evaluation
+from nas_data.commands.policy_train import PolicyTrain, suggest_evaluation
+from nas_data.envs.base import find_task
 from nas_data.envs.ergo_reacher import TASK
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import CheckpointError, OutputExists, SimulationDiverged, WorkerLost
 from nas_data.policies import evaluate, ppo
+from nas_data.policies import folder as files
 from nas_data.policies.compare import Study, compare
 from nas_data.policies.folder import STATE, save_policy
 from nas_data.policies.intervals import compute_share
@@ -369,6 +371,7 @@ def test_the_commands_train_and_judge(tmp_path, capsys):
     ("words", "sentence"),
     [
         (["train", "--on", "target", "--dynamics", "rust"], "dynamics 'rust'"),
+        (["train", "--dynamics", "rust"], "dynamics 'rust'"),
         (["train", "--env", "Walker"], "environment 'Walker'"),
         (["train", "--on", "augmented"], "needs --checkpoint"),
         (["train", "--checkpoint", "x"], "takes no --checkpoint"),
@@ -377,6 +380,8 @@ def test_the_commands_train_and_judge(tmp_path, capsys):
         (["train", "--seed", "1", "1"], "different numbers"),
         (["evaluate", "nowhere"], "There is no folder nowhere"),
         (["evaluate", "nowhere", "--episodes", "0"], "--episodes is 0"),
+        (["evaluate", "nowhere", "--speed", "0"], "takes no --speed"),
+        (["evaluate", "nowhere", "--defender-id", "d"], "takes no --defender-id"),
     ],
 )
 def test_bad_input_is_one_sentence_and_writes_nothing(tmp_path, monkeypatch, capsys, words, sentence):
@@ -385,6 +390,15 @@ def test_bad_input_is_one_sentence_and_writes_nothing(tmp_path, monkeypatch, cap
     error = capsys.readouterr().err
     assert sentence in error and "Traceback" not in error and error.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("dynamics", "source"), [("paper", "paper-source"), ("backlash", "source"),
+                                                  ("paper-source", "paper-source")])  # fmt: skip
+def test_policies_are_trained_on_the_source_that_belongs_to_the_target(dynamics, source):
+    assert find_task("ErgoReacher").find_source(dynamics) == source
+    assert find_task("Pusher").find_source("backlash") == "source"
+    (training,) = PolicyTrain(dynamics=dynamics)._list_trainings()
+    assert training.plant.dynamics == source
 
 
 @pytest.fixture(scope="module")
@@ -401,6 +415,26 @@ def test_a_training_killed_at_its_first_save_begins_anew(tmp_path, segment, left
         (tmp_path / name).write_bytes(b"half")
     learn(tmp_path, Learner.SEGMENT * BRIEF.rollout, hyperparameters=BRIEF)
     assert_same_bits(weights(segment), weights(tmp_path))
+
+
+def test_a_training_killed_before_its_last_save_is_completed(tmp_path, monkeypatch):
+    frames, save = 2 * Learner.SEGMENT * BRIEF.rollout, files.save_policy
+    learn(tmp_path / "whole", frames, hyperparameters=BRIEF)
+
+    saved = []
+
+    def killed(*given):
+        if saved:
+            raise Interrupted
+        saved.append(True)
+        save(*given)
+
+    monkeypatch.setattr(files, "save_policy", killed)
+    with pytest.raises(Interrupted):
+        learn(tmp_path / "stopped", frames, hyperparameters=BRIEF)
+    monkeypatch.setattr(files, "save_policy", save)
+    learn(tmp_path / "stopped", frames, hyperparameters=BRIEF)
+    assert_same_bits(weights(tmp_path / "whole"), weights(tmp_path / "stopped"))
 
 
 def test_a_learning_curve_of_someone_elses_is_left_alone(tmp_path):

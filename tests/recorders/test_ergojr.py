@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,8 @@ from nas_data.hardware.xl320.control_table import SPEED_UNIT, TICK
 from nas_data.hardware.xl320.joints import make_ergojr_joints, write_calibration
 from nas_data.recorders.arm_dataset import LATE, LOAD, REPEATED, TEMPERATURE, VOLTAGE
 from nas_data.recorders.arm_motion import ArmEpisode
-from nas_data.recorders.arm_plan import MotionPlan, draw_plan, free_of_contact
+from nas_data.recorders.arm_plan import MotionLimits, MotionPlan, draw_plan, free_of_contact, limit_steps
+from nas_data.recorders.guarded import GuardedArm
 from nas_data.recorders.path_planner import PathPlanner
 from nas_data.recorders.session import PlaybackProtocol
 from nas_data.recorders.watchdog import DIED, HUNG, LineReader, Watchdog, rescue, watch
@@ -144,20 +146,62 @@ def test_a_file_of_commands_is_played_as_it_is(folder):
     assert read(finished()).commands == pytest.approx(commands, abs=TICK / 2)
 
 
+def test_a_slow_arm_is_at_its_first_pose_when_an_episode_begins(monkeypatch):
+    monkeypatch.setattr("nas_data.recorders.arm_motion.APPROACH", 0.6)  # as of a real arm
+    for limit in (("--speed", "0.3"), ("--largest-step", "0.003")):
+        assert record(*LOCKSTEP, "--episodes", "1", "--seconds", "0.2", *limit, "--name", limit[0].strip("-")) == 0
+        (root,) = Path(f"datasets/{limit[0].strip('-')}").glob("v1-*")
+        assert np.abs(read(root).states[0, :6]).max() < 0.25  # the sag of the shoulder
+
+
+def test_a_search_for_a_path_has_time(monkeypatch):
+    asked, find = [], PathPlanner.find
+    monkeypatch.setattr(GuardedArm, "extend_deadline", lambda arm, seconds: asked.append(seconds))
+    monkeypatch.setattr(PathPlanner, "find", lambda *given: asked.append("find") or find(*given))
+    assert record(*LOCKSTEP, "--episodes", "1") == 0
+    before = [one for one, next_one in pairwise(asked) if next_one == "find"]
+    assert len(before) > 1 and min(before) >= 10
+
+
+def test_a_recording_is_not_continued_with_other_steps(capsys):
+    record_until("adapter_pulled", 6)
+    capsys.readouterr()
+    assert record(*LOCKSTEP, "--episodes", "6", "--largest-step", "0.01") == 2
+    assert "other options" in capsys.readouterr().err
+
+
 # What is planned
+
+
+def test_steps_are_limited_as_the_arm_limits_them():
+    commands = np.array([[[1.0, 0.1], [1.0, 0.1], [-1.0, 0.1]]])
+    sent = limit_steps(commands, np.zeros((1, 2)), np.array([0.4, 0.06]))
+    assert sent[0] == pytest.approx(np.array([[0.4, 0.06], [0.8, 0.1], [0.4, 0.1]]))
+    assert np.array_equal(limit_steps(commands, np.zeros((1, 2)), np.inf), commands)
+
+
+def test_small_steps_are_simulated_before_they_are_sent():
+    """Slow commands take the straight way between poses, which fast ones do not."""
+    protocol = PlaybackProtocol(excitation=parse("steps"), episodes=24, seconds=2.0)
+    simulator = MujocoSimulator(ROBOT, 0.01, threads=1)
+    for step in (3.2, 0.01):
+        plan = draw_plan(ROBOT, protocol, MotionLimits(100.0, 0.0, step))
+        path = simulator.rollout(np.zeros((24, 12)), limit_steps(plan.commands, plan.poses, step))[..., :6]
+        assert count_contacts(simulator, path[:, ::3].reshape(-1, 6)).max() == 0
+    assert plan.key != draw_plan(ROBOT, replace(protocol, episodes=1), MotionLimits(100.0, 0.0, 3.2)).key
 
 
 def test_planned_episodes_touch_nothing():
     protocol = PlaybackProtocol(excitation=parse("steps"), episodes=12, seconds=2.0)
-    plan = draw_plan(ROBOT, protocol, 100.0, 1.745)
+    plan = draw_plan(ROBOT, protocol, MotionLimits(100.0, 1.745, 3.2))
     assert plan.commands.shape == (12, 200, 6)
     assert plan.replaced > 0
     assert count_contacts(MujocoSimulator(ROBOT, 0.01, threads=1), plan.commands[:, 99]).tolist() == [0] * 12
-    for again in (MotionPlan.from_bytes(plan.to_bytes()), draw_plan(ROBOT, protocol, 100.0, 1.745)):
+    for again in (MotionPlan.from_bytes(plan.to_bytes()), draw_plan(ROBOT, protocol, MotionLimits(100.0, 1.745, 3.2))):
         assert (again.key, again.task, again.replaced) == (plan.key, plan.task, plan.replaced)
         assert np.array_equal(again.commands, plan.commands)
         assert np.array_equal(again.poses, plan.poses)
-    assert draw_plan(ROBOT, replace(protocol, seed=1), 100.0, 1.745).key != plan.key
+    assert draw_plan(ROBOT, replace(protocol, seed=1), MotionLimits(100.0, 1.745, 3.2)).key != plan.key
 
 
 def test_an_episode_that_reaches_the_floor_is_not_free():
@@ -256,7 +300,7 @@ def test_a_recording_goes_on_after_a_fault_as_if_nothing_had_happened(folder, ca
     assert verify(finished()) == []
     assert np.array_equal(whole.columns[STATE][: before.n_frames], before.columns[STATE])
     assert read_provenance(finished()).target["tally"]["sittings"] == 2
-    plan = draw_plan(ROBOT, protocol_of_short(6), 100.0, 1.745)
+    plan = draw_plan(ROBOT, protocol_of_short(6), MotionLimits(100.0, 1.745, 3.2))
     assert whole.commands == pytest.approx(plan.commands.reshape(-1, 6), abs=TICK / 2)
 
 
@@ -328,6 +372,12 @@ def test_a_hot_arm_rests(capfd):
         ((*LOCKSTEP, "--calibration", "absent.json"), "absent.json is not a calibration"),
         ((*LOCKSTEP, "--finish"), "There are no saved episodes in"),
         ((*LOCKSTEP, "--joints", "m9"), "no joint 'm9'"),
+        (
+            (*LOCKSTEP, "--commands", "moves.csv", "--joints", "m1"),
+            "--joints has no effect on the commands of moves.csv",
+        ),
+        ((*LOCKSTEP, "--excitation", "sine:slowest=2"), "slowest is 2 Hz, above fastest, 1 Hz"),
+        ((*LOCKSTEP, "--excitation", "babbling:every=inf"), "every is inf; it must be a whole number"),
     ],
 )
 def test_bad_input_costs_one_sentence_and_writes_nothing(capfd, monkeypatch, options, words):

@@ -17,7 +17,7 @@ from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.errors import JointMismatch, LogError, OptionError
 from nas_data.recorders.readings import Readings
-from nas_data.robots.base import find_robot
+from nas_data.robots.base import FOLDER, find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
 
 JOINTS = find_robot("ergojr").joints
@@ -211,6 +211,7 @@ def test_bad_input_is_one_sentence_and_writes_nothing(folder, capsys):
     assert "m1, m2" in refused(capsys, "--effect", "backlash:joint=m9,half_width=0.1")
     assert "choose one of: babbling" in refused(capsys, "--excitation", "wobble")
     assert "rate" in refused(capsys, "--rate", "0")
+    assert "--rate is 1e-09; it must be in 0.01" in refused(capsys, "--rate", "1e-9")
     assert "noise is -1" in refused(capsys, "--noise", "-1")
     assert "at least one" in refused(capsys, "--episodes", "0")
     assert "effects.json" in refused(capsys, "--effects", "absent.json")
@@ -241,3 +242,11 @@ def test_noise_has_the_size_asked_for_and_rounding_adds_its_own(noise, seed):
 def test_impossible_sensors_are_refused():
     with pytest.raises(OptionError, match="velocity noise"):
         Readings(velocity_noise=math.nan)
+
+
+def test_a_model_with_spaces_in_its_name_gives_a_valid_name(folder):
+    Path("my arm@2.xml").write_text((FOLDER / "pendulum.xml").read_text().replace('model="pendulum"', 'model="my arm"'))
+    words = ("--robot", "my arm@2.xml", "--episodes", "1", "--seconds", "0.2", "--excitation", "steps")
+    assert main(["record", "sim", *words]) == 0
+    (name,) = [path.name for path in Path("datasets").iterdir() if not path.name.startswith(".")]
+    assert name.startswith("my_arm")

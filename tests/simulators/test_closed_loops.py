@@ -125,3 +125,13 @@ def test_phi_and_psi_are_not_taken_for_each_other():
         ForwardStepper(pendulum().stepper(1), network("delta", ("pendulum",)))
     with pytest.raises(JointMismatch, match=r"elbow.*pendulum"):
         LearnedStepper(pendulum().stepper(1), network("delta", ("elbow",)))
+
+
+def test_a_lost_simulation_stays_so_when_another_is_reset():
+    stepper = LearnedStepper(pendulum().stepper(2), network("delta", ("pendulum",)))
+    stepper.reset(np.zeros((2, 2)))
+    stepper._diverged[0] = True
+    stepper.reset(np.zeros((1, 2)), rows=np.array([1]))
+    assert np.isnan(stepper.states[0]).all() and np.isfinite(stepper.states[1]).all()
+    stepper.reset(np.zeros((1, 2)), rows=np.array([0]))
+    assert np.isfinite(stepper.states).all()

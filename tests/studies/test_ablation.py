@@ -105,6 +105,8 @@ def test_more_than_the_training_episodes_hold_is_refused():
 
 
 def test_the_columns_of_a_subset_are_those_of_its_frames(swings):
+    with pytest.raises(OptionError, match="less than a frame"):
+        draw(swings, range(swings.n_episodes), Amount(1e-4, "minutes"), 3)
     runs = draw(swings, range(swings.n_episodes), Amount(0.1, "minutes"), 3)
     subset = select_frames(swings, runs)
     np.testing.assert_array_equal(subset.states, swings.states[sorted(frames(runs))])

@@ -306,6 +306,14 @@ def test_a_trial_is_done_once_and_goes_on_where_it_stopped(tmp_path, searches):
         run_trial(TrialPlan(ARM_OF_ONE, "ergojr"), folder, lambda _: None)
 
 
+def test_a_trial_that_did_nothing_yet_does_not_bind_its_folder(tmp_path, searches):
+    options = ("--robot", "pendulum", "--episodes", "2", "--seconds", "1", "--mass", "0", "--out", tmp_path / "trial")
+    assert nas("trial", "sim", *options, "--excitation", "nosuch").code == 2
+    answer = nas("trial", "sim", *options)
+    assert answer.code == 0, answer.err
+    assert nas("trial", "sim", *options, "--seed", "3").code == 2
+
+
 def test_the_command_counts_right_names(tmp_path, searches):
     options = ("--robot", "pendulum", "--episodes", "2", "--seconds", "1", "--mass", "0", "--out", tmp_path / "trial")
     answer = nas("trial", "sim", *options)

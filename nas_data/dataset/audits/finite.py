@@ -33,6 +33,8 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
             rows = list_row_numbers(recording.rows, bad)
             what = f"the {name} is empty, NaN or infinite in {recording.name_rows(rows)}"
             remedy = "remove these rows, or split the log there"
+            if name == "command":
+                remedy = "if it is logged only when it changes, repeat the last one in these rows; else remove them"
             if bad.all():
                 what, remedy = f"the {name} is empty, NaN or infinite in all rows", name_absent(name)
             found.append(AuditFinding("not_finite", recording.label, what, remedy, rows, error=True))

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from nas_data.errors import PathBlocked
-from nas_data.recorders.arm_motion import APPROACH, LEAD, SETTLE, ArmMotion, plan_slow_path
+from nas_data.recorders.arm_motion import APPROACH, LEAD, SEEKING, SETTLE, ArmMotion, plan_slow_path
 from nas_data.recorders.path_planner import PathPlanner
 from nas_data.robots.base import ConsecutiveEdits
 from nas_data.robots.ergo_shield import DEFENDER, DEFENDERS_JOINTS
@@ -130,7 +130,6 @@ def make_two_arm_planner(edges: bool = False, clearance: float = 0.0) -> PathPla
 
 
 PLANS = 5  # attempts to plan a path and follow it
-SEEKING = 10.0  # [s] allowed for planning a path
 LOOKAHEAD = 0.1  # [s] lookahead of the collision check
 RESTING_SPEED = 0.15  # [rad/s] below which an arm counts as standing still
 PATIENCE = 1.0  # [s] to wait until the arms stand still
@@ -182,7 +181,8 @@ class Approach:
 
     def _follow(self, corners: np.ndarray) -> bool:
         """Follow waypoints [rad], shape (k, 2n), and hold the last; return False at a predicted collision."""
-        slow = [plan_slow_path(a, b, self._period) for a, b in pairwise(corners)]
+        step = self._period * min(arm.slow_speed for arm in self._arms)
+        slow = [plan_slow_path(a, b, step) for a, b in pairwise(corners)]
         path = np.concatenate([*slow, np.repeat(corners[-1:], round(SETTLE / self._period), axis=0)])
         ahead, self._due = round(LOOKAHEAD / self._period), self._clock.now() + LEAD
         for number, pose in enumerate(path):

@@ -14,6 +14,7 @@ from nas_data.joint_units import JointUnit, group_by_kind
 from nas_data.open_loop import roll_out_scene
 from nas_data.pairing import read_initial_states, read_object_states, with_model_units
 from nas_data.simulators.mujoco import MujocoSimulator
+from nas_data.simulators.servo_registers import ServoRegisters
 from nas_data.sources import SourceModel, locate_source
 
 MEASURED = "measured"
@@ -83,7 +84,7 @@ class Motion:
 
 
 def follow(dataset: Dataset, episode: int, models: Sequence[str] = (), engine: str | None = None) -> Motion:
-    """Simulate models under the commands of an episode in open loop, as `evaluate` does.
+    """Simulate models under the commands of an episode in open loop, with the recording's registers as in `evaluate`.
 
     Args:
         dataset: Transitions of the episode alone.
@@ -97,6 +98,8 @@ def follow(dataset: Dataset, episode: int, models: Sequence[str] = (), engine: s
     """
     with kept_folders(dataset) as folders:
         sources = [locate_source(model, (), folders, engine) for model in models or (None,)]
+        if models:  # a stored source is the one of the pairing
+            sources = [source.with_registers(ServoRegisters.of(dataset)) for source in sources]
         simulators = [source.simulator(dataset) for source in sources]
         bodies = [load_in_mujoco(source, dataset) for source in sources]
         dataset = with_model_units(dataset, bodies[0])

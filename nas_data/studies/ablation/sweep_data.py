@@ -105,7 +105,7 @@ def draw(dataset: Dataset, train: Sequence[int], amount: Amount, seed: int) -> l
         Runs of consecutive frames in order: whole episodes, or segments of some.
 
     Raises:
-        OptionError: there is less data.
+        OptionError: there is less data, or the amount is less than a frame.
     """
     check_enough(dataset, train, amount)
     rng = np.random.default_rng([seed, DRAWING])
@@ -118,7 +118,11 @@ def draw(dataset: Dataset, train: Sequence[int], amount: Amount, seed: int) -> l
 
 
 def check_enough(dataset: Dataset, train: Sequence[int], amount: Amount) -> None:
-    """Raise OptionError if the training episodes hold less than an amount."""
+    """Raise OptionError if the training episodes hold less than an amount, or it is less than a frame."""
+    if amount.unit == "minutes" and not amount.is_all and round(amount.value * 60 * dataset.fps) < 1:
+        raise OptionError(
+            f"--minutes asks for {amount}, which is less than a frame at {dataset.fps:g} Hz; ask for more."
+        )
     there = len(train) if amount.unit == "episodes" else count_available_frames(dataset, train) / dataset.fps / 60
     if amount.is_all or amount.value <= there * (1 + 1e-9):
         return

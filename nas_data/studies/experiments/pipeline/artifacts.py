@@ -8,7 +8,7 @@ from pathlib import Path
 from nas_data import __version__
 from nas_data.dataset import versions
 from nas_data.dataset.provenance import read_provenance
-from nas_data.envs.base import SOURCE, Task, find_task, find_task_file
+from nas_data.envs.base import Task, find_task, find_task_file
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import UnknownName
 from nas_data.gap.model_correction import ModelCorrection
@@ -42,8 +42,7 @@ class MaterialPlan:
     @property
     def source(self) -> str:
         """Dynamics of the source: `source`, or the dynamics' own source if it has one."""
-        own = f"{self.recipe.dynamics}-{SOURCE}"
-        return own if own in self.task.dynamics else SOURCE
+        return self.task.find_source(self.recipe.dynamics)
 
     def source_with(self, names: str | Path) -> Predictor:
         """Return the source with the effects of a gap report."""
