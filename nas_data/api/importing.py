@@ -12,7 +12,7 @@ from nas_data.dataset.derive_provenance import subtasks
 from nas_data.dataset.origin import Origin
 from nas_data.dataset.versions import resolve
 from nas_data.errors import LogError, OptionError
-from nas_data.importing.calibration import find_range_middles, match_motors, read_calibration
+from nas_data.importing.calibration import find_range_middles, match_motors
 from nas_data.importing.lerobot import (
     BY_OPTIONS,
     CALIBRATION_ATTACHMENT,
@@ -21,6 +21,7 @@ from nas_data.importing.lerobot import (
     import_dataset,
     is_dataset,
     map_text,
+    report_unit_grippers,
 )
 from nas_data.importing.map import Map
 from nas_data.importing.map_file import load_map, parse_map
@@ -42,7 +43,7 @@ class ImportRequest:
     logs: tuple[Path, ...]
     map: str | None = None
     unit: str | None = None
-    calibration: Path | None = None
+    calibration: tuple[Path, ...] = ()
     model: str | None = None
     rate: float | None = None
     uniform: bool = False
@@ -53,7 +54,7 @@ class ImportRequest:
     @property
     def lerobot_options(self) -> ImportOptions:
         """Options for LeRobot datasets besides a map; positions that are unwrapped without a map are radians."""
-        radians = self.unwrap and self.map is None and self.calibration is None
+        radians = self.unwrap and self.map is None and not self.calibration
         return ImportOptions(self.unit or ("rad" if radians else None), self.calibration, self.rate, self.uniform)
 
     @property
@@ -62,7 +63,7 @@ class ImportRequest:
         given = {
             "map": self.map and Path(self.map).name,
             "unit": self.unit,
-            "calibration": self.calibration and self.calibration.name,
+            "calibration": [path.name for path in self.calibration],
             "model": self.model and Path(self.model).name,
             "rate": self.rate,
             "uniform": self.uniform,
@@ -94,7 +95,7 @@ def import_logs(
     *,
     map: str | Path | None = None,
     unit: str | None = None,
-    calibration: str | Path | None = None,
+    calibration: str | Path | Sequence[str | Path] = (),
     model: str | Path | None = None,
     rate: float | None = None,
     uniform: bool = False,
@@ -110,7 +111,7 @@ def import_logs(
         logs: A log, a folder of logs or a LeRobot dataset; or several.
         map: Mapping file (TOML), or the name of an included one such as `so101_npz`; None for a LeRobot dataset.
         unit: Unit of a LeRobot dataset: `deg`, `range` (−100 … 100, with a calibration) or `rad`.
-        calibration: LeRobot's calibration file of the recorded robot.
+        calibration: LeRobot's calibration file of the recorded robot, or of each of its arms (`ID_left.json`).
         model: Model of the robot, to check sign and zero of each joint.
         rate: Rows per second [Hz] of a LeRobot dataset; None for its own rate.
         uniform: Treat the rows of a LeRobot dataset as evenly spaced, whatever its time stamps.
@@ -129,7 +130,9 @@ def import_logs(
         logs=tuple(Path(path) for path in paths),
         map=None if map is None else str(map),
         unit=unit,
-        calibration=None if calibration is None else Path(calibration),
+        calibration=tuple(
+            Path(path) for path in ([calibration] if isinstance(calibration, str | Path) else calibration)
+        ),
         model=None if model is None else str(model),
         rate=rate,
         uniform=uniform,
@@ -154,9 +157,15 @@ def read_logs(request: ImportRequest) -> Imported:
         result = Import(dataset, provenance, subtasks([resolve(request.logs[0])]), findings)
     else:
         name, result = mapping.robot, import_by_map(request.logs, mapping, request.progress, find_centres(request))
-        if request.calibration is not None:
-            kept = {CALIBRATION_ATTACHMENT: request.calibration.read_bytes()}
+        if request.calibration:
+            numbers = [""] if len(request.calibration) == 1 else map(str, range(len(request.calibration)))
+            kept = {
+                CALIBRATION_ATTACHMENT.format(number): path.read_bytes()
+                for number, path in zip(numbers, request.calibration, strict=False)
+            }
             result = replace(result, attachments={**result.attachments, **kept})
+    if mapping is None or mapping.layout.format == LEROBOT:
+        result = replace(result, findings=(*result.findings, *report_unit_grippers(result.dataset)))
     if request.model is not None:
         middles = find_middles(mapping, request.calibration)
         doubts = check_against_model(result.dataset, request.model, middles, result.findings)
@@ -200,12 +209,11 @@ def find_centres(request: ImportRequest) -> dict[str, float] | None:
     return find_hinge_centres(request.model) if request.model is not None else {}
 
 
-def find_middles(mapping: Map | None, calibration: Path | None) -> dict[str, float]:
+def find_middles(mapping: Map | None, calibration: Sequence[Path]) -> dict[str, float]:
     """Return the positions of the middles of calibrated ranges, by joint, for a map of LeRobot datasets."""
     if mapping is None or mapping.layout.format != LEROBOT:
         return {}
-    motors = [] if calibration is None else match_motors(mapping, read_calibration(calibration), calibration)
-    return find_range_middles(mapping, motors)
+    return find_range_middles(mapping, match_motors(mapping, calibration))
 
 
 def choose_dataset_name(logs: Sequence[Path]) -> str:

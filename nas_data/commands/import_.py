@@ -44,8 +44,9 @@ class ImportLogs(Command):
     """Unit of a LeRobot dataset: deg, range (−100 … 100, with --calibration) or rad. With a map it is inferred from the
     readings by default; without a map, every joint has this unit, but joints with gripper in their name have 0 … 100 of
     their range unless the unit is rad."""
-    calibration: Path | None = None
-    """LeRobot's calibration file (JSON) of the recorded robot; needed only to convert −100 … 100."""
+    calibration: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction] = ()
+    """LeRobot's calibration file (JSON) of the recorded robot; needed only to convert −100 … 100. Of a robot with two
+    arms, give both files: --calibration ID_left.json --calibration ID_right.json."""
     model: str | None = None
     """Model of the robot, to check sign and zero of each joint against limits and gravity. Without a map, it also gives
     the range of a gripper."""

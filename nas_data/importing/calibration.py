@@ -12,7 +12,7 @@ first versions gave degrees as ticks · 360 / resolution, with the zero of anoth
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -67,18 +67,41 @@ def read_calibration(path: Path) -> dict[str, Motor]:
         ) from None
 
 
-def match_motors(mapping: Map, calibration: Mapping[str, Motor], path: Path) -> list[Motor]:
+def read_calibrations(paths: Sequence[Path]) -> dict[str, Motor]:
+    """Read the calibration of an arm, or of the arms of a robot: of `ID_left.json`, the motors are `left_…`.
+
+    Raises:
+        LogError: a file is missing, or no calibration file.
+    """
+    if len(paths) == 1:
+        return read_calibration(paths[0])
+    sides = {path: path.stem.rpartition("_")[2] for path in paths}
+    return {f"{sides[path]}_{name}": motor for path in paths for name, motor in read_calibration(path).items()}
+
+
+def match_motors(mapping: Map, paths: Sequence[Path]) -> list[Motor]:
     """Return the motor of each joint of a map.
+
+    Args:
+        mapping: A map of LeRobot datasets.
+        paths: Calibration files; see `read_calibrations`. Without one there are no motors.
 
     Raises:
         LogError: a motor is missing in the calibration, or its range is empty.
     """
+    if not paths:
+        return []
+    calibration, path = read_calibrations(paths), ", ".join(map(str, paths))
     names = [name.removesuffix(".pos") for name in mapping.position.source.names or mapping.joints]
     missing = next((name for name in names if name not in calibration), None)
     if missing is not None:
-        raise LogError(
-            f"{path} has no motor '{missing}'; it has: {', '.join(calibration)}. Give this robot's own file."
+        two_arms = any(missing.endswith(f"_{motor}") for motor in calibration)
+        remedy = (
+            "Give the files of all arms of the robot: --calibration ID_left.json --calibration ID_right.json."
+            if two_arms
+            else "Give this robot's own file."
         )
+        raise LogError(f"{path} has no motor '{missing}'; it has: {', '.join(calibration)}. {remedy}")
     empty = next((name for name in names if calibration[name].low >= calibration[name].high), None)
     if empty is not None:
         raise LogError(f"{path} has an empty range for '{empty}'; calibrate the robot again.")

@@ -24,7 +24,7 @@ from nas_data.dataset.rows import format_rows
 from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import make_parent, resolve
 from nas_data.errors import DatasetInvalid, LogError, OptionError
-from nas_data.importing.calibration import UNITS, choose_unit, match_motors, read_calibration, with_raw_unit
+from nas_data.importing.calibration import LARGEST, UNITS, choose_unit, match_motors, with_raw_unit
 from nas_data.importing.conversion import NORMALISED
 from nas_data.importing.formats import find_folder_kind, is_folder_log
 from nas_data.importing.map import Map, TimeColumn
@@ -40,8 +40,9 @@ RESAMPLED = {check: f"{TIMING[check]}, or add [resample] to the map" for check i
 BY_OPTIONS = Remedies(TIMING, "in a map of your own (--map)")
 BY_OPTIONS_OR_MAP = Remedies(TIMING | RESAMPLED)
 
+OPEN = 0.9  # share of its range to which an open gripper is open at least
 SAME_RATE = 1e-6  # relative
-CALIBRATION_ATTACHMENT = "meta/calibration.json"
+CALIBRATION_ATTACHMENT = "meta/calibration{}.json"  # of one arm, or of each with its number
 
 
 @dataclass(frozen=True)
@@ -50,13 +51,13 @@ class ImportOptions:
 
     Attributes:
         unit: `deg`, `range` (−100 … 100) or `rad`; None to infer it from the readings.
-        calibration: LeRobot's calibration file.
+        calibration: LeRobot's calibration file, or one for each arm.
         rate: Rate [Hz] in place of the dataset's.
         uniform: Whether rows are evenly spaced regardless of their time stamps.
     """
 
     unit: str | None = None
-    calibration: Path | None = None
+    calibration: tuple[Path, ...] = ()
     rate: float | None = None
     uniform: bool = False
 
@@ -69,7 +70,7 @@ class ImportOptions:
     @property
     def needs_map(self) -> bool:
         """Whether values must be converted."""
-        return self.unit is not None or self.calibration is not None
+        return self.unit is not None or bool(self.calibration)
 
 
 def is_dataset(path: Path) -> bool:
@@ -111,9 +112,7 @@ def complete_map(mapping: Map, paths: Sequence[Path], options: ImportOptions) ->
     )
     if options.uniform:
         mapping = replace(mapping, clock=TimeColumn("", "s"))
-    motors = []
-    if options.calibration is not None:
-        motors = match_motors(mapping, read_calibration(options.calibration), options.calibration)
+    motors = match_motors(mapping, options.calibration)
     if "deg" not in mapping.position.conversion.units:
         if options.unit is not None:
             raise OptionError(
@@ -133,9 +132,17 @@ def complete_map(mapping: Map, paths: Sequence[Path], options: ImportOptions) ->
         head = f"# Positions that this map gives in degrees were read as {words} ({why}); see meta/nas.json.\n"
         completed = replace(completed, text=head + mapping.text)
     notes = [f"Read as {words} ({why})."]
-    units = zip(completed.joints, completed.position.conversion.units, strict=True)
-    if shares := [joint for joint, held in units if held == NORMALISED]:
-        notes.append(f"Read as a share of the joint's range, 0 … 100 in LeRobot: {', '.join(shares)}.")
+    conversion = completed.position.conversion
+    lines = zip(completed.joints, conversion.units, conversion.gain, conversion.bias, strict=True)
+    if shares := [
+        f"{joint} ({bias:.3g} … {bias + LARGEST * gain:.3g} {'m' if joint in completed.slides else 'rad'})"
+        for joint, held, gain, bias in lines
+        if held == NORMALISED
+    ]:
+        notes.append(
+            f"Read as a share of the joint's range, 0 … 100 in LeRobot: {', '.join(shares)}. If it closes at the other "
+            "end, exchange low and high in a map."
+        )
     return completed, tuple(notes)
 
 
@@ -201,6 +208,21 @@ def _find_gripper_range(path: Path, joint: str, model: str | None) -> tuple[floa
         raise OptionError(f"{model} has no joint '{joint}' with a range; give one in the model, or write a map.")
     low, high = spec.joint(joint).range
     return float(low), float(high), int(spec.joint(joint).type[0]) == int(mujoco.mjtJoint.mjJNT_SLIDE)
+
+
+def report_unit_grippers(dataset: Dataset) -> list[AuditFinding]:
+    """Return a note on grippers in radians or metres that just span 0 … 1 or 0 … 100, as a share of a range does."""
+    found = []
+    for index, joint in enumerate(dataset.joints):
+        values = dataset.states[:, index]
+        low, high = float(values.min()), float(values.max())
+        top = next((top for top in (1.0, LARGEST) if OPEN * top <= high <= (2 - OPEN) * top), None)
+        if is_gripper(joint) and top and abs(low) <= (1 - OPEN) * top:
+            unit = "metres" if joint in dataset.slides else "radians"
+            what = f"{joint} spans {low:.3g} … {high:.3g} and was read as {unit}"
+            remedy = f"if these are shares of its range, write unit = 'normalised', range = [0.0, {top:g}] in a map"
+            found.append(AuditFinding("unit_slip", "the dataset", what, remedy))
+    return found
 
 
 def import_dataset(path: Path, options: ImportOptions) -> tuple[Dataset, Provenance, tuple[AuditFinding, ...]]:

@@ -11,7 +11,7 @@ from typing import Generic, Protocol, TypeVar
 
 from nas_data.atomic_file import write_atomic
 from nas_data.dataset.provenance import format_current_time
-from nas_data.errors import OutputExists
+from nas_data.errors import NasError, OutputExists
 from nas_data.runs.environment_info import find_commit
 from nas_data.runs.job_locks import hold_run, list_locks
 from nas_data.runs.parallel import Workers, run_jobs
@@ -100,7 +100,11 @@ def run_stages(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> dict[str, Don
             head = f"[{number}/{len(stages)}] {stage.title}"
             if stage.name in missing:
                 work.report(format_introduction(head, stage))
-                done = do(stage, work)
+                try:
+                    done = do(stage, work)
+                except NasError:
+                    release(work)
+                    raise
                 for line in (*done.said, f"took {done.seconds:.0f} s"):
                     work.report(f"{INDENT}{line}".rstrip())
             else:
@@ -117,10 +121,17 @@ def begin(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> set[str]:
         OutputExists: the folder holds something else, or the same work with another plan or by other code.
     """
     missing = list_missing(stages, work)
-    write_atomic(work.folder / PLAN, (json.dumps(work.plan.describe(), indent=1) + "\n").encode())
+    if not (work.folder / PLAN).is_file():
+        write_atomic(work.folder / PLAN, (json.dumps(work.plan.describe(), indent=1) + "\n").encode())
     for name in (name for name, is_outdated in missing.items() if is_outdated):
         find_result(name, work.folder).unlink(missing_ok=True)
     return set(missing)
+
+
+def release(work: Work[Plan]) -> None:
+    """Remove the plan of a folder in which nothing was made, so that a corrected plan can take its place."""
+    if [path for path in list_visible_files(work.folder, "**/*") if path.is_file()] == [work.folder / PLAN]:
+        (work.folder / PLAN).unlink()
 
 
 def list_missing(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> dict[str, bool]:
@@ -153,7 +164,7 @@ def check_plan(work: Work[Plan]) -> None:
     """Refuse a folder of something else.
 
     Raises:
-        OutputExists: it holds something else, or finished stages of the same work with another plan.
+        OutputExists: it holds something else, or the same work with another plan.
     """
     path = work.folder / PLAN
     if path.is_file():
@@ -163,7 +174,7 @@ def check_plan(work: Work[Plan]) -> None:
         except ValueError:
             held = {}
         different = [key for key in plan if held.get(key) != plan[key]]
-        if different and any((work.folder / STAGES).glob("*.json")):
+        if different:
             raise OutputExists(
                 f"{work.folder} holds a {work.name} that differs in {', '.join(different)}; "
                 "remove it or choose another --out."

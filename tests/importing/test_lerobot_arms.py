@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.command_samples import refused
 from support.import_samples import columns_of, map_text, motion, write_log, write_map
-from support.lerobot_samples import enter_with_arm, motions, write_lerobot
+from support.lerobot_samples import enter_with_arm, from_ticks, motions, write_calibration, write_lerobot
 
 from nas_data.cli import main
 from nas_data.dataset.features import STATE
@@ -115,3 +115,29 @@ def test_commands_that_are_logged_when_they_change_have_a_remedy_that_keeps_the_
     write_map(tmp_path)
     said = refused("import", "log.npz", "--map", "map.toml", "--out", "no")
     assert "repeat the last one in these rows" in said
+
+
+def test_each_arm_of_a_robot_has_its_calibration_file(here):
+    ticks = np.stack([np.linspace(900, 3000, 40), np.linspace(2900, 1000, 40)], axis=1)
+    motors = {side: write_calibration(here / f"me_{side}.json", ("j1",), turned=("j1",) if side == "left" else ())
+              for side in ("left", "right")}  # fmt: skip
+    stored = [from_ticks(ticks[:, [i]], motors[side]["j1"], "range") for i, side in enumerate(("left", "right"))]
+    rows = np.hstack(stored)
+    write_lerobot(here / "bi", [(rows, rows)] * 2, joints=("left_j1", "right_j1"))
+    words = ("import", "bi", "--unit", "range", "--calibration", "me_left.json")
+    assert "files of all arms of the robot: --calibration ID_left.json" in refused(*words, "--out", "no")
+    assert main([*words, "--calibration", "me_right.json", "--out", "out"]) == 0
+    middle = [(motors[side]["j1"]["range_min"] + motors[side]["j1"]["range_max"]) / 2 for side in motors]
+    expected = (ticks - middle) * 2 * np.pi / 4095
+    assert read(here / "out").states[:39, :2] == pytest.approx(expected[:-1], abs=1e-4)
+    assert (here / "out/meta/calibration1.json").read_bytes() == (here / "me_right.json").read_bytes()
+
+
+def test_a_gripper_that_spans_one_is_doubted(here, capsys):
+    share = 0.5 + 0.49 * np.sin(np.arange(60) / 5)
+    for name, values in (("d", share), ("e", 0.4 * share)):
+        write_lerobot(
+            here / name, [(np.stack([s[:, 0], values], 1),) * 2 for s, _ in motions()], joints=("j1", "gripper")
+        )
+        assert main(["import", name, "--unit", "rad", "--out", f"{name}o"]) == 0
+        assert ("write unit = 'normalised', range = [0.0, 1]" in capsys.readouterr().out) == (name == "d")
