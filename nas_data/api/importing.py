@@ -6,16 +6,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from nas_data.api.arguments import Progress
-from nas_data.dataset.cutting import cut_every
+from nas_data.dataset.cutting import cut_every, find_original_episodes
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import subtasks
 from nas_data.dataset.origin import Origin
+from nas_data.dataset.target_episodes import select_episodes
 from nas_data.dataset.versions import resolve
 from nas_data.errors import LogError, OptionError
-from nas_data.importing.calibration import find_range_middles, match_motors
+from nas_data.importing.calibration import find_range_middles, find_side, match_motors
 from nas_data.importing.lerobot import (
     BY_OPTIONS,
     CALIBRATION_ATTACHMENT,
+    GENERATED,
     ImportOptions,
     complete_map,
     import_dataset,
@@ -158,20 +160,23 @@ def read_logs(request: ImportRequest) -> Imported:
     else:
         name, result = mapping.robot, import_by_map(request.logs, mapping, request.progress, find_centres(request))
         if request.calibration:
-            numbers = [""] if len(request.calibration) == 1 else map(str, range(len(request.calibration)))
+            several = len(request.calibration) > 1
             kept = {
-                CALIBRATION_ATTACHMENT.format(number): path.read_bytes()
-                for number, path in zip(numbers, request.calibration, strict=False)
+                CALIBRATION_ATTACHMENT.format(f"_{find_side(path)}" if several else ""): path.read_bytes()
+                for path in request.calibration
             }
             result = replace(result, attachments={**result.attachments, **kept})
     if mapping is None or mapping.layout.format == LEROBOT:
-        result = replace(result, findings=(*result.findings, *report_unit_grippers(result.dataset)))
+        result = replace(result, findings=(*result.findings, *report_unit_grippers(result.dataset, mapping)))
     if request.model is not None:
         middles = find_middles(mapping, request.calibration)
         doubts = check_against_model(result.dataset, request.model, middles, result.findings)
         result = replace(result, findings=(*result.findings, *doubts))
     if request.cut is not None:
-        result = replace(result, dataset=cut_every(result.dataset, request.cut))
+        cut, provenance = cut_every(result.dataset, request.cut), result.provenance
+        parts = find_original_episodes(result.dataset, cut)
+        target = select_episodes(provenance.target, parts, result.dataset.n_episodes)
+        result = replace(result, dataset=cut, provenance=replace(provenance, target=target))
     signal = {**(result.provenance.signal or {}), "options": request.options, "decisions": list(notes)}
     result = replace(result, provenance=replace(result.provenance, signal=signal))
     return Imported(result, name, notes, mapping is not None)
@@ -190,7 +195,7 @@ def find_map(request: ImportRequest) -> tuple[Map | None, tuple[str, ...]]:
         path = request.logs[0]
         check_dataset(path)
         text = map_text(path, options.unit, request.model)
-        generated = parse_map(MapSection(tomllib.loads(text), f"the map of {path}"), "generated", text)
+        generated = parse_map(MapSection(tomllib.loads(text), f"the map of {path}"), GENERATED, text)
         mapping = replace(generated, remedies=BY_OPTIONS)
     else:
         mapping = load_map(request.map)

@@ -16,7 +16,7 @@ from nas_data.log import warn
 from nas_data.pairing import describe_missing_objects, warn_of_overlaps, warn_of_ranges
 from nas_data.pairing import pair as pair_with
 from nas_data.robots.base import Robot, find_robot
-from nas_data.simulators.engines import MUJOCO, load_simulator
+from nas_data.simulators.engines import load_simulator
 from nas_data.simulators.servo_registers import ServoRegisters
 from nas_data.sources import check_kept, collect_source_files, describe_left_out
 
@@ -41,7 +41,7 @@ class Pairing:
         source: Source, as in provenance.
         seconds: Duration of the simulation [s].
         warnings: Warnings, one sentence each; already shown on stderr.
-        remarks: Registers of the recording that were set in the source, and parts of it that could not be stored.
+        remarks: Registers of the recording that the source does not have, and parts of it that could not be stored.
     """
 
     dataset: Dataset
@@ -61,8 +61,6 @@ def pair(
     actuators: Actuators = "position",
 ) -> Dataset:
     """Add a source's prediction of every transition: reset to the state before it, command held for one step.
-
-    Servo registers that the recording holds are set in a MuJoCo model, as `identify` does.
 
     Args:
         dataset: N transitions, or their folder.
@@ -97,10 +95,6 @@ def make_pairs(recorded: Dataset, by: PairingSource) -> Pairing:
     model = as_model(by.model, by.actuators)
     plain = find_robot(model)
     robot = named.robot(plain, recorded.joints) if named else plain
-    told: tuple[str, ...] = ()
-    if by.engine == MUJOCO:
-        registers = ServoRegisters.of(recorded)
-        told, robot = registers.describe(robot), registers.set_in(robot)
     simulator = load_simulator(robot, 1 / recorded.fps, recorded.joints, tuple(added), by.engine)
     began = time.perf_counter()
     paired = pair_with(recorded, simulator)
@@ -109,6 +103,7 @@ def make_pairs(recorded: Dataset, by: PairingSource) -> Pairing:
     warnings = [*warn_of_ranges(recorded, robot), *warn_of_overlaps(recorded, simulator), *missing]
     warn(missing)
     files, remark = keep_source(robot, added, paired, by.engine, model)
+    remarks = tuple(filter(None, [describe_other_registers(recorded, robot), remark]))
     origin, source = recorded.origin, simulator.describe()
     assert origin is not None
     made = {
@@ -122,7 +117,18 @@ def make_pairs(recorded: Dataset, by: PairingSource) -> Pairing:
     kept = {f"meta/{name}": content for name, content in files.items()}
     paired = replace(paired, origin=None)
     paired = replace(paired, origin=Origin(paired, provenance, origin.derived, attachments=kept))
-    return Pairing(paired, source, seconds, (*origin.noticed, *warnings), (*told, *filter(None, [remark])))
+    return Pairing(paired, source, seconds, (*origin.noticed, *warnings), remarks)
+
+
+def describe_other_registers(recorded: Dataset, robot: Robot) -> str | None:
+    """Return a remark on the servo registers of a recording that a source does not have; None if it has all."""
+    changes = ServoRegisters.of(recorded).list_changes(robot)
+    if not changes:
+        return None
+    return (
+        f"the source is paired as given, not as the recording's registers say ({'; '.join(changes)}): φ then learns "
+        "this difference"
+    )
 
 
 def keep_source(

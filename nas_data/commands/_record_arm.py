@@ -133,7 +133,6 @@ class RecordArm(Command):
                 largest_step=step,
             )
             plan, provenance = self._plan(growing, protocol, restrict_to_arm(robot, driver)), self._provenance(protocol)
-            provenance = replace(provenance, signal={**protocol.signal(), "largest_step": step})
             check_same_arm(growing, replace(provenance, target={**description, **(provenance.target or {})}))
             job = Job(setup=setup, plan=plan, hot=self.hot, provenance=provenance)
             clock = SteppedClock() if self.lockstep else MonotonicClock()
@@ -155,7 +154,7 @@ class RecordArm(Command):
             raise make_other_recording_error(growing.root, "another command")
         plan = MotionPlan.from_bytes((growing.root / PLAN).read_bytes())
         if plan.key != plan_key(robot, protocol, limits):
-            raise make_other_recording_error(growing.root, "other options")
+            raise make_other_recording_error(growing.root, "other options, or by another version of nas_data")
         return plan
 
     def _finish(self, growing: "IncrementalWriter", name: str) -> CommandResult:
@@ -214,7 +213,7 @@ class RecordArm(Command):
             how="simulated" if self.virtual else "hardware",
             robot=self.kind,
             target=target,
-            signal=protocol.signal(),
+            signal={**protocol.signal(), "largest_step": self.step},
             seeds=(self.seed,),
             contiguous=True,
         )

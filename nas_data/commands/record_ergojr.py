@@ -1,5 +1,6 @@
 """Record episodes from an ErgoJr on a serial port, or from a virtual one."""
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -64,8 +65,8 @@ class RecordErgojr(RecordArm):
     @property
     def step(self) -> float:
         """Largest difference between successive commands [rad]."""
-        if not self.largest_step > 0:
-            raise OptionError(f"--largest-step is {self.largest_step}; it must be above zero.")
+        if not 0 < self.largest_step < math.inf:
+            raise OptionError(f"--largest-step is {self.largest_step}; it must be a number above zero.")
         return self.largest_step
 
     def arm_model(self) -> "Robot":

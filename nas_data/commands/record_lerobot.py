@@ -94,8 +94,8 @@ class RecordLerobot(RecordArm):
     @property
     def step(self) -> float:
         """Largest difference between successive commands [rad]."""
-        if not self.speed > 0:
-            raise OptionError(f"--speed is {self.speed:g}; it must be above zero.")
+        if not 0 < self.speed < math.inf:
+            raise OptionError(f"--speed is {self.speed:g}; it must be a number above zero.")
         if self.speed / self.rate > LARGEST_JUMP:
             least = math.ceil(self.speed / LARGEST_JUMP)
             raise OptionError(

@@ -139,7 +139,7 @@ def inherit(originals: Sequence[Original], deed: str, chosen: Sequence[int] | No
         how="edited",
         robot=find_common_value(item.robot for item in before) or originals[0].dataset.robot_type,
         source=find_common_value(item.source for item in before),
-        target=target if chosen is None else select_episodes(before[0].target, chosen),
+        target=target if chosen is None else select_episodes(before[0].target, chosen, originals[0].dataset.n_episodes),
         signal=find_common_value(item.signal for item in before),
         seeds=_remove_duplicates(seed for item in before for seed in item.seeds),
         parents=_remove_duplicates(original.parent for original in originals),

@@ -61,7 +61,7 @@ class Origin:
 
     def select(self, episodes: Sequence[int]) -> "Origin":
         """Return the origin of a selection of episodes."""
-        target = select_episodes(self.provenance.target, episodes)
+        target = select_episodes(self.provenance.target, episodes, self.dataset.n_episodes)
         return replace(self, provenance=replace(self.provenance, target=target))
 
     @cached_property
@@ -86,7 +86,7 @@ def load(path: Path, episodes: Sequence[int] = ()) -> Dataset:
     warn(noticed)
     provenance = replace(before, derived={**before.derived, **derived}, notes="\n".join(filter(None, notes)))
     if episodes:
-        provenance = replace(provenance, target=select_episodes(provenance.target, episodes))
+        provenance = replace(provenance, target=select_episodes(provenance.target, episodes, recorded.n_episodes))
     return replace(dataset, origin=Origin(dataset, provenance, derived, root, recorded, kept, noticed))
 
 

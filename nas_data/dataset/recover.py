@@ -124,7 +124,9 @@ def recover(root: Path, beyond: bool = False, like: Path | None = None) -> Rescu
     unknown = [episode for episode in kept if not tasks[episode]]
     if unknown:
         reports.append(f"the task of {count_of(len(unknown), 'episode')} is unknown: {_format_episode_range(unknown)}")
-    derived = Derived(dataset, _make_provenance(root, provenance, dataset, kept), read_attachments(root, provenance))
+    derived = Derived(
+        dataset, _make_provenance(root, provenance, dataset, kept, promised), read_attachments(root, provenance)
+    )
     return Rescue(root, derived, promised, tuple(kept), tuple(left), tuple(reports))
 
 
@@ -265,7 +267,9 @@ def _recover_frame_tasks(root: Path, found: ReadableRows, kept: Sequence[int]) -
     return frame_tasks(names, numbers, found.lengths[places]) if set(numbers.tolist()) <= names.keys() else None
 
 
-def _make_provenance(root: Path, before: Provenance | None, dataset: Dataset, kept: Sequence[int]) -> Provenance:
+def _make_provenance(
+    root: Path, before: Provenance | None, dataset: Dataset, kept: Sequence[int], promised: int
+) -> Provenance:
     """Return the provenance of the recovered dataset: that of the damaged one, which becomes its parent."""
     if before is not None and STAGED.fullmatch(root.name) and before.content_hash == hash_content(dataset):
         return before  # complete, killed just before it got its name
@@ -275,7 +279,7 @@ def _make_provenance(root: Path, before: Provenance | None, dataset: Dataset, ke
     known = before or make_unknown_provenance(dataset)
     return replace(
         known,
-        target=select_episodes(known.target, kept),
+        target=select_episodes(known.target, kept, promised),
         how="edited",
         when=format_current_time(),
         packages=dict(read_package_versions()),

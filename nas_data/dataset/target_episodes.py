@@ -8,12 +8,13 @@ EPISODES = "episodes"  # one entry an episode
 Target = Mapping[str, object]
 
 
-def select_episodes(target: Target | None, episodes: Sequence[int]) -> Target | None:
+def select_episodes(target: Target | None, episodes: Sequence[int], count: int) -> Target | None:
     """Return a target that describes some of its episodes, in their new order.
 
     Args:
         target: Target of a provenance.
         episodes: For each new episode, its number in the target; a number may appear more than once.
+        count: Number of episodes of the dataset that the target belongs to.
     """
     if target is None:
         return None
@@ -21,8 +22,8 @@ def select_episodes(target: Target | None, episodes: Sequence[int]) -> Target | 
     history = read_history(target)
     if history:
         selected[REGISTERS] = write_history([find_joints(history, episode) for episode in episodes])
-    entries = target.get(EPISODES)
-    if isinstance(entries, list) and all(episode < len(entries) for episode in episodes):
+    entries = selected.pop(EPISODES, None)
+    if isinstance(entries, list) and len(entries) == count:
         selected[EPISODES] = [entries[episode] for episode in episodes]
     return selected
 

@@ -148,7 +148,7 @@ def check_name(name: str) -> None:
 
 def make_name(text: str) -> str:
     """Return a valid dataset name for a text: other characters become `_`."""
-    return re.sub(r"[^A-Za-z0-9._-]", "_", text).lstrip("._-") or "dataset"
+    return re.sub(r"[^A-Za-z0-9._-]+", "_", text).lstrip("._-") or "dataset"
 
 
 def settle(hidden: Path, home: Path, digest: str, number: int = 0, damaged: Path | None = None) -> Path:
@@ -187,7 +187,7 @@ def find_home(path: Path) -> tuple[Path, str]:
     """
     home = path.resolve()
     if not VERSION.fullmatch(home.name):
-        return FOLDER, re.sub(r"[^A-Za-z0-9._-]+", "_", home.name).lstrip("._-") or "dataset"
+        return FOLDER, make_name(home.name)
     # Keep the path as the user gave it, for short messages.
     shown = path.parent if path.parent.resolve() == home.parent and path.parent.name else home.parent
     return shown.parent, shown.name

@@ -72,11 +72,26 @@ def read_calibrations(paths: Sequence[Path]) -> dict[str, Motor]:
 
     Raises:
         LogError: a file is missing, or no calibration file.
+        OptionError: two files are of one side.
     """
     if len(paths) == 1:
         return read_calibration(paths[0])
-    sides = {path: path.stem.rpartition("_")[2] for path in paths}
-    return {f"{sides[path]}_{name}": motor for path in paths for name, motor in read_calibration(path).items()}
+    sides = [find_side(path) for path in paths]
+    if len(set(sides)) < len(sides):
+        raise OptionError(
+            f"Several calibration files are of the side '{max(sides, key=sides.count)}'; give one file for each arm, "
+            "named ID_left.json and ID_right.json."
+        )
+    return {
+        f"{side}_{name}": motor
+        for side, path in zip(sides, paths, strict=True)
+        for name, motor in read_calibration(path).items()
+    }
+
+
+def find_side(path: Path) -> str:
+    """Return the arm of a calibration file of a robot with several, as in `ID_left.json`."""
+    return path.stem.rpartition("_")[2]
 
 
 def match_motors(mapping: Map, paths: Sequence[Path]) -> list[Motor]:

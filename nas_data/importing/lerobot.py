@@ -41,6 +41,7 @@ BY_OPTIONS = Remedies(TIMING, "in a map of your own (--map)")
 BY_OPTIONS_OR_MAP = Remedies(TIMING | RESAMPLED)
 
 OPEN = 0.9  # share of its range to which an open gripper is open at least
+GENERATED = "generated"  # name of a map that was made for a dataset
 SAME_RATE = 1e-6  # relative
 CALIBRATION_ATTACHMENT = "meta/calibration{}.json"  # of one arm, or of each with its number
 
@@ -112,9 +113,9 @@ def complete_map(mapping: Map, paths: Sequence[Path], options: ImportOptions) ->
     )
     if options.uniform:
         mapping = replace(mapping, clock=TimeColumn("", "s"))
-    motors = match_motors(mapping, options.calibration)
+    motors, is_generated = match_motors(mapping, options.calibration), mapping.name == GENERATED
     if "deg" not in mapping.position.conversion.units:
-        if options.unit is not None:
+        if options.unit is not None and not is_generated:
             raise OptionError(
                 f"The map {mapping.name} gives no joint in degrees, which --unit would replace; leave --unit out, or "
                 "write the unit in the map."
@@ -132,17 +133,10 @@ def complete_map(mapping: Map, paths: Sequence[Path], options: ImportOptions) ->
         head = f"# Positions that this map gives in degrees were read as {words} ({why}); see meta/nas.json.\n"
         completed = replace(completed, text=head + mapping.text)
     notes = [f"Read as {words} ({why})."]
-    conversion = completed.position.conversion
-    lines = zip(completed.joints, conversion.units, conversion.gain, conversion.bias, strict=True)
-    if shares := [
-        f"{joint} ({bias:.3g} … {bias + LARGEST * gain:.3g} {'m' if joint in completed.slides else 'rad'})"
-        for joint, held, gain, bias in lines
-        if held == NORMALISED
-    ]:
-        notes.append(
-            f"Read as a share of the joint's range, 0 … 100 in LeRobot: {', '.join(shares)}. If it closes at the other "
-            "end, exchange low and high in a map."
-        )
+    units = zip(completed.joints, completed.position.conversion.units, strict=True)
+    if shares := [joint for joint, held in units if held == NORMALISED]:
+        closes = " If it closes at the upper end, write a map with low and high exchanged." if is_generated else ""
+        notes.append(f"Read as a share of the joint's range, 0 … 100 in LeRobot: {', '.join(shares)}.{closes}")
     return completed, tuple(notes)
 
 
@@ -210,17 +204,21 @@ def _find_gripper_range(path: Path, joint: str, model: str | None) -> tuple[floa
     return float(low), float(high), int(spec.joint(joint).type[0]) == int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
-def report_unit_grippers(dataset: Dataset) -> list[AuditFinding]:
-    """Return a note on grippers in radians or metres that just span 0 … 1 or 0 … 100, as a share of a range does."""
+def report_unit_grippers(dataset: Dataset, mapping: Map | None) -> list[AuditFinding]:
+    """Return findings on grippers in radians or metres that just span 0 … 1 or 0 … 100, as a share of a range does."""
+    units = mapping.position.conversion.units if mapping else ("",) * len(dataset.joints)
     found = []
-    for index, joint in enumerate(dataset.joints):
+    for index, (joint, stored) in enumerate(zip(dataset.joints, units, strict=True)):
+        if stored == NORMALISED:
+            continue
         values = dataset.states[:, index]
         low, high = float(values.min()), float(values.max())
         top = next((top for top in (1.0, LARGEST) if OPEN * top <= high <= (2 - OPEN) * top), None)
         if is_gripper(joint) and top and abs(low) <= (1 - OPEN) * top:
             unit = "metres" if joint in dataset.slides else "radians"
             what = f"{joint} spans {low:.3g} … {high:.3g} and was read as {unit}"
-            remedy = f"if these are shares of its range, write unit = 'normalised', range = [0.0, {top:g}] in a map"
+            keys = f"unit = 'normalised', range = [0.0, {top:.1f}], low and high"
+            remedy = f"if these are shares of its range, write {keys} in a map"
             found.append(AuditFinding("unit_slip", "the dataset", what, remedy))
     return found
 

@@ -19,19 +19,28 @@ def unwrap(
         hinges: Names of the hinges; other joints are not changed.
         commanded: Names of hinges with position commands. If such a joint is unwrapped, its commands are moved to
             within half a turn of the positions.
-        centres: Middle of the range of joints that have one [rad]; the others stay near the first recording.
+        centres: Middle of the range of joints that have one [rad]; of the others, recordings that jump are moved near
+            those that do not, else near the first one.
     """
     changed = list(recordings)
     for index, joint in enumerate(recordings[0].joints if recordings else ()):
-        paths = [recording.positions[:, index] for recording in recordings]
-        if joint not in hinges or not any(find_whole_turns(np.diff(path)).any() for path in paths):
+        paths = {place: one.positions[:, index] for place, one in enumerate(recordings) if _is_finite(one)}
+        wrapped = {place for place, path in paths.items() if find_whole_turns(np.diff(path)).any()}
+        if joint not in hinges or not wrapped:
             continue
-        paths = [np.unwrap(path) for path in paths]
-        centre = centres.get(joint, float(paths[0].mean()))
-        for place, path in enumerate(paths):
-            near = path - WHOLE_TURN * np.round((path.mean() - centre) / WHOLE_TURN)
+        paths = {place: np.unwrap(path) for place, path in paths.items()}
+        means = {place: float(path.mean()) for place, path in paths.items()}
+        unbroken = [mean for place, mean in means.items() if place not in wrapped] or [means[min(wrapped)]]
+        centre = centres.get(joint, float(np.mean(unbroken)))
+        for place in paths if joint in centres else wrapped:
+            near = paths[place] - WHOLE_TURN * np.round((means[place] - centre) / WHOLE_TURN)
             changed[place] = _move(changed[place], index, near, joint in commanded)
     return changed
+
+
+def _is_finite(recording: Recording) -> bool:
+    """Return whether all positions and commands are numbers; an audit names the rows of others."""
+    return bool(np.isfinite(recording.positions).all() and np.isfinite(recording.commands).all())
 
 
 def _move(recording: Recording, index: int, path: np.ndarray, commanded: bool) -> Recording:

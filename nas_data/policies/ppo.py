@@ -201,12 +201,10 @@ def train(training: PolicyTraining, folder: Path, report: Report | None = None, 
     arms = training.hyperparameters.arms
     learner = Learner(training, stepper or training.plant.stepper(arms))
     files.resume(learner.ppo, learner.normalised, learner.progress, folder)
-    if learner.done == training.rollouts:  # it was killed between its last two writes
-        files.save_policy(
-            learner.ppo, learner.normalised, learner.progress, identity | training.circumstances(), folder
-        )
     report = report or RateLimited()
     config = identity | training.circumstances()
+    if learner.done == training.rollouts:  # it was killed between its last two writes
+        files.save_policy(learner.ppo, learner.normalised, learner.progress, config, folder)
     while learner.done < training.rollouts:
         row = learner.advance()
         report(f"seed {training.seed}: {describe_training_progress(row, training)}")

@@ -210,7 +210,7 @@ class ArmMotion:
         Raises:
             AdapterLost: the port is gone.
         """
-        self._sent = self._sent + np.clip(wanted - self._sent, -self._largest_step, self._largest_step)
+        self._sent = limit_step(wanted, self._sent, self._largest_step)
         return self.arm.command(self._sent)
 
     def record_command(self, episode: ArmEpisode, wanted: np.ndarray) -> None:
@@ -246,6 +246,11 @@ class ArmMotion:
         index = turn % len(self.arm.names)
         health = self.retry.call(lambda: self._check_servo(index))
         self.vitals.voltage[index], self.vitals.temperature[index] = health.voltage, health.temperature
+
+
+def limit_step(wanted: np.ndarray, last: np.ndarray, step: np.ndarray | float) -> np.ndarray:
+    """Return the command [rad; m], shape (n,) or (E, n), that differs from the last one by at most a step."""
+    return np.asarray(last + np.clip(wanted - last, -step, step))
 
 
 def plan_slow_path(begin: np.ndarray, end: np.ndarray, step: np.ndarray | float) -> np.ndarray:

@@ -11,6 +11,7 @@ import numpy as np
 from nas_data.count_of import count_of
 from nas_data.effects.base import Effect, make_effect
 from nas_data.errors import OptionError
+from nas_data.recorders.arm_motion import limit_step
 from nas_data.recorders.path_planner import PathPlanner
 from nas_data.recorders.readings import Readings
 from nas_data.recorders.session import PlaybackProtocol, RecordingSession, Target
@@ -177,7 +178,7 @@ def limit_steps(commands: np.ndarray, poses: np.ndarray, step: np.ndarray | floa
     """
     sent, last = np.empty_like(commands), poses
     for number in range(commands.shape[1]):
-        sent[:, number] = last = last + np.clip(commands[:, number] - last, -step, step)
+        sent[:, number] = last = limit_step(commands[:, number], last, step)
     return sent
 
 

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from nas_data.log import warn_once
-from nas_data.mjcf.actuator_lookup import describe_transmission
+from nas_data.mjcf.actuator_lookup import SHARED, describe_transmission
 from nas_data.simulators.followers import list_tied_dofs, make_generic_posture
 
 LEVER = 1e-9  # smallest moment arm that counts
@@ -24,12 +24,14 @@ def explain_missing_actuator(model: mujoco.MjModel, joint: int, name: str) -> st
         name: Name of the model.
     """
     own, leader = model.joint(joint).name, find_leader(model, joint)
-    partner = _find_joint_partner(model, joint)
-    if partner is not None:
-        leader = f"'{model.joint(partner).name}'"
     for actuator in find_reaching_actuators(model, [int(model.jnt_dofadr[joint])]):
-        through = describe_transmission(model, actuator)
-        if through is not None and partner is None:
+        through, driven = describe_transmission(model, actuator), find_shared_joint(model, actuator)
+        if driven is not None and driven != own:
+            return (
+                f"'{own}' of {name} moves together with '{driven}', whose commands drive both; leave it out of "
+                "'joints' of the map and import again."
+            )
+        if through is not None:
             return (
                 f"'{own}' of {name} is moved through {through} by the actuator{_quote(model, actuator)}, but only an "
                 f'actuator of the joint itself takes its commands; replace it by <position joint="{own}" kp="…"/>.'
@@ -61,12 +63,12 @@ def _find_joint_leader(model: mujoco.MjModel, joint: int) -> int | None:
     return int(found[0]) if len(found) else None
 
 
-def _find_joint_partner(model: mujoco.MjModel, joint: int) -> int | None:
-    """Return the other joint of an active equality between two joints, whichever of them is given first."""
-    between = (model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)) & model.eq_active0 & (model.eq_obj2id >= 0)
-    led = model.eq_obj1id[between & (model.eq_obj2id == joint)]
-    leader = _find_joint_leader(model, joint)
-    return leader if leader is not None else (int(led[0]) if len(led) else None)
+def find_shared_joint(model: mujoco.MjModel, actuator: int) -> str | None:
+    """Return the joint whose commands an actuator of several coupled joints takes; None for other actuators."""
+    if model.actuator_trntype[actuator] != int(mujoco.mjtTrn.mjTRN_TENDON):
+        return None
+    tendon = str(model.tendon(int(model.actuator_trnid[actuator, 0])).name)
+    return tendon.removesuffix(SHARED) if tendon.endswith(SHARED) else None
 
 
 def warn_of_held_actuators(

@@ -71,19 +71,24 @@ class ServoRegisters:
             return robot
         return replace(robot, edit=ConsecutiveEdits(robot.edit, RegisterEdit(stated, robot)))
 
-    def describe(self, robot: Robot) -> tuple[str, ...]:
-        """Return sentences: what `set_in` changes in a robot's model, and which registers it cannot use."""
+    def list_changes(self, robot: Robot) -> list[str]:
+        """Return what `set_in` changes in a robot's model, as phrases."""
         changes: dict[str, list[str]] = {}
-        refused: dict[tuple[str, str], list[str]] = {}
-        unknown: dict[str, None] = {}
         for use in self._examine(robot):
             if use.is_change:
                 changes.setdefault(use.describe(), []).append(use.setting.joint)
-            elif use.obstacle:
+        return [f"{text} in {', '.join(its)}" for text, its in changes.items()]
+
+    def describe(self, robot: Robot) -> tuple[str, ...]:
+        """Return sentences: what `set_in` changes in a robot's model, and which registers it cannot use."""
+        refused: dict[tuple[str, str], list[str]] = {}
+        unknown: dict[str, None] = {}
+        for use in self._examine(robot):
+            if use.obstacle:
                 refused.setdefault((use.kind.name, use.obstacle), []).append(use.setting.joint)
             elif use.is_unknown:
                 unknown[use.kind.name] = None
-        sentences = [f"As the recording's registers say, {text} in {', '.join(its)}." for text, its in changes.items()]
+        sentences = [f"As the recording's registers say, {change}." for change in self.list_changes(robot)]
         if unknown:
             sentences.append(
                 f"The recording's registers {join_items(list(unknown))} are not used, because the model does not state "

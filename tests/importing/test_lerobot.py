@@ -574,7 +574,7 @@ def test_grippers_of_any_name_are_read_as_percent_and_named(here, capsys, name, 
     write_lerobot(here / "d", episodes, ("j1", name), robot)
     (here / "arm.xml").write_text(ARM.replace('"j2"', f'"{name}"'))
     folder = imported("d", "--unit", "deg", "--model", "arm.xml")
-    assert f"Read as a share of the joint's range, 0 … 100 in LeRobot: {name} (" in capsys.readouterr().out
+    assert f"Read as a share of the joint's range, 0 … 100 in LeRobot: {name}." in capsys.readouterr().out
     wanted = -2 + 4 * episodes[0][0][:59, 1] / 100
     np.testing.assert_allclose(read(folder).states[:59, 1], wanted, atol=1e-5)
 

@@ -81,6 +81,9 @@ def test_a_gripper_that_is_a_slide_in_the_model_is_read_in_metres(here, capsys):
     assert "was read as" not in capsys.readouterr().out
     dataset = read(here / "out")
     assert dataset.slides == {"gripper"}
+    (here / "wide.xml").write_text(GRIPPER.replace('type="slide"', "").replace("0 0.04", "0 1"))
+    assert main(["import", "d", "--unit", "deg", "--model", "wide.xml", "--out", "wide"]) == 0
+    assert "shares of its range" not in (said := capsys.readouterr().out) and "low and high exchanged" in said
     assert dataset.states[:59, 1] == pytest.approx(share[:-1] / 100 * 0.04, abs=1e-6)
 
 
@@ -126,11 +129,13 @@ def test_each_arm_of_a_robot_has_its_calibration_file(here):
     write_lerobot(here / "bi", [(rows, rows)] * 2, joints=("left_j1", "right_j1"))
     words = ("import", "bi", "--unit", "range", "--calibration", "me_left.json")
     assert "files of all arms of the robot: --calibration ID_left.json" in refused(*words, "--out", "no")
+    (here / "you_left.json").write_bytes((here / "me_left.json").read_bytes())
+    assert "of the side 'left'" in refused(*words, "--calibration", "you_left.json", "--out", "no")
     assert main([*words, "--calibration", "me_right.json", "--out", "out"]) == 0
     middle = [(motors[side]["j1"]["range_min"] + motors[side]["j1"]["range_max"]) / 2 for side in motors]
     expected = (ticks - middle) * 2 * np.pi / 4095
     assert read(here / "out").states[:39, :2] == pytest.approx(expected[:-1], abs=1e-4)
-    assert (here / "out/meta/calibration1.json").read_bytes() == (here / "me_right.json").read_bytes()
+    assert (here / "out/meta/calibration_right.json").read_bytes() == (here / "me_right.json").read_bytes()
 
 
 def test_a_gripper_that_spans_one_is_doubted(here, capsys):
@@ -140,4 +145,4 @@ def test_a_gripper_that_spans_one_is_doubted(here, capsys):
             here / name, [(np.stack([s[:, 0], values], 1),) * 2 for s, _ in motions()], joints=("j1", "gripper")
         )
         assert main(["import", name, "--unit", "rad", "--out", f"{name}o"]) == 0
-        assert ("write unit = 'normalised', range = [0.0, 1]" in capsys.readouterr().out) == (name == "d")
+        assert ("write unit = 'normalised', range = [0.0, 1.0]" in capsys.readouterr().out) == (name == "d")

@@ -8,6 +8,8 @@ from support.import_samples import columns_of, map_text, motion, write_log, writ
 from support.lerobot_samples import enter_with_arm, motions, write_lerobot
 
 from nas_data.cli import main
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 
 TURN = 2 * np.pi
@@ -74,3 +76,36 @@ def test_episodes_of_an_unwrapped_joint_are_not_a_turn_apart(tmp_path, monkeypat
         assert abs(means[0] - means[1]) < np.pi
         if expected:
             assert means == pytest.approx([expected] * 2, abs=1.0)
+
+
+def test_a_reading_that_is_no_number_is_named_and_episodes_without_a_jump_stay(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("logs").mkdir()
+    columns = columns_of(motion())
+    swing = columns["q"] - columns["q"].mean(axis=0)
+    for number, middle in enumerate((-1.8, 2.2, 3.1)):  # only the last one passes half a turn
+        write_log(Path(f"logs/{number}.npz"), columns | {"q": wrap(swing + middle), "goal": wrap(swing + middle)})
+    write_map(tmp_path, map_text(velocity='"derive"'))
+    assert main(["import", "logs", "--map", "map.toml", "--unwrap", "--out", "out"]) == 0
+    dataset = read(Path("out"))
+    means = [float(dataset.states[rows, 0].mean()) for rows in dataset.episodes()]
+    assert means == pytest.approx([-1.8, 2.2, 3.1], abs=0.2)
+    wrong = wrap(swing + 3.1)
+    wrong[50, 0] = np.nan
+    write_log(Path("logs/2.npz"), columns | {"q": wrong, "goal": wrong})
+    assert main(["import", "logs", "--map", "map.toml", "--unwrap", "--out", "no"]) == 2
+    error = capsys.readouterr().err
+    assert "2.npz: the position is empty, NaN or infinite in row 50" in error and "0.npz" not in error
+
+
+def test_the_parts_of_a_log_that_is_cut_keep_its_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("a", "b"):
+        write_log(Path(f"logs_{name}.npz"), columns_of(motion()))
+    write_map(tmp_path)
+    words = ("logs_a.npz", "logs_b.npz", "--map", "map.toml", "--cut", "0.8")
+    assert main(["import", *words, "--out", "out"]) == 0
+    target = read_provenance(Path("out")).target
+    assert [episode["log"] for episode in target["episodes"]] == ["logs_a", "logs_a", "logs_b", "logs_b"]
+    part = Dataset.load("out", [1])
+    assert [episode["log"] for episode in part.origin.provenance.target["episodes"]] == ["logs_a"]

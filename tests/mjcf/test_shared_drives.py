@@ -7,7 +7,7 @@ from support.simulator_samples import EACH_ENGINE
 from support.typical_effects import OF_OBJECTS, ON_ANY_ARM, typical
 
 from nas_data.effects.base import Effect
-from nas_data.errors import ModelFileError, NasError
+from nas_data.errors import JointMismatch, ModelFileError, NasError
 from nas_data.gap.finding.conditions import compute_torques, read_torque_limits
 from nas_data.robots.base import find_robot
 from nas_data.simulators.engines import load_simulator
@@ -106,9 +106,23 @@ def rigid(name: str) -> Effect:
     return typical(name, joint="left", **({"stiffness": np.inf} if name == "backlash" else {}))
 
 
+@pytest.mark.parametrize(
+    "equality", [LINEAR, LINEAR.replace('joint1="right" joint2="left"', 'joint1="left" joint2="right"')]
+)
+def test_of_two_coupled_fingers_one_takes_the_commands(tmp_path, equality):
+    path, told = write(tmp_path, equality=equality), []
+    for joints in (("left", "right"), ("right", "left")):
+        with pytest.raises(JointMismatch, match=r"moves together with '\w+', whose commands drive both") as refusal:
+            load_simulator(path, PERIOD, joints)
+        told.append(str(refusal.value).partition("'")[2].partition("'")[0])
+    assert told[0] == told[1]
+    kept = "left" if told[0] == "right" else "right"
+    assert load_simulator(path, PERIOD, (kept,)).joints == (kept,)
+
+
 def test_a_motor_curve_of_a_shared_drive_is_refused(tmp_path):
     path = write(tmp_path, actuator=SERVO.format(on=SPLIT, kp=5, kv=0.2))
-    with pytest.raises(ModelFileError, match="because its actuator drives other joints as well"):
+    with pytest.raises(ModelFileError, match="because its actuator acts through a tendon"):
         load_simulator(path, PERIOD, effects=(typical("motor_curve", joint="left"),), threads=1)
 
 

@@ -299,6 +299,7 @@ def test_a_recording_is_resumed_with_the_same_arm_in_the_same_frame_only(capfd):
         ((*SO101, "--reverse", "m9"), "no joint 'm9'"),
         ((*SO101, "--zero", "gripper=open"), "--zero gripper is 'open'"),
         ((*SO101, "--speed", "0"), "--speed is 0"),
+        ((*SO101, "--speed", "inf"), "--speed is inf"),
         ((*SO101, "--rate", "1"), "jump by 2 rad between commands; give --rate 10 or more"),
         ((*SO101, "--zero", "shoulder_lift=90"), "range of 'shoulder_lift' lies outside the model's; check --zero"),
         ((*SO101, "--robot.colour=red"), "LeRobot does not take these options"),
