@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 class GapAdd(TakesModel):
     """Write the model with the effects of an effects.json, and score the written file.
 
-    Example: nas gap add datasets/arm --model arm.xml --effects runs/gap/effects.json --out runs/gap
+    Example: nas gap add datasets/arm --model arm.xml --effects runs/gap/effects.json --out runs/added
     """
 
     dataset: tyro.conf.Positional[Path]
@@ -40,14 +40,14 @@ class GapAdd(TakesModel):
         """Write the model and score it."""
         from nas_data.gap.compose import measure_gap
         from nas_data.gap.model_correction import ModelCorrection
-        from nas_data.gap.output_folder import check_effects, check_output_folder
+        from nas_data.gap.output_folder import check_output_folder, check_unfinished
         from nas_data.gap.problem import Problem
         from nas_data.gap.score_model import score_model
         from nas_data.gap.search.final import FinalFit
         from nas_data.joint_units import find_display_unit
 
         check_output_folder(self.out, self.model)
-        check_effects(self.out, self.effects)
+        check_unfinished(self.out)
         named = ModelCorrection.read(self.effects)
         begin("reading the recording")
         problem = Problem.load(self.dataset, self.actuated(self.model), registers=named.registers)

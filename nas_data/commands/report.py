@@ -26,8 +26,8 @@ class Report(Command):
     """
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN…")]
-    """Folders written by `nas train`, `nas policy train`, a comparison, `nas demo`, `nas gap` or `nas ablate`, parents
-    of such folders, or datasets."""
+    """Folders written by `nas train`, `nas policy train`, a comparison or `nas demo`, or parents of such folders;
+    folders written by `nas gap` or `nas ablate`; or datasets."""
     out: Path = Path("report.html")
     """Output page; an earlier page of `nas report` is replaced."""
 

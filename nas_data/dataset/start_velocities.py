@@ -19,6 +19,7 @@ SIGNIFICANT_DEVIATIONS = (
     5.0  # standard deviations of a significant velocity; noise exceeds them once in two million readings
 )
 SLOW_SHARE = 0.05  # share of a joint's large speed; a slower derived velocity may belong to a start from rest
+SETTLING_SHARE = 0.01  # likewise of a measured one, such as the last of the settling before a recording
 CUT_EPISODE_SHARE = 1 / 3  # share of episodes in motion from which all count as cut out of motions
 LONGEST = 0.15  # [s] longest fit; a hobby arm's motion has hardly any frequency above 3 Hz
 WIDTHS = (4, 5, 7, 10, 14, 20, 28, 40, 56, 80, 112, 160)  # number of readings in a fit
@@ -74,7 +75,7 @@ def find_start_velocities(dataset: Dataset) -> StartVelocities:
     rest = np.zeros((dataset.n_episodes, 1), bool)  # episodes that the recorder reports at rest
     rest[filled] = [[not rows[0].any()] for rows in velocities]
     values, deviations = np.where(rest, 0.0, values), np.where(rest, 0.0, deviations)
-    least = np.where(derived, SLOW_SHARE * compute_large_speeds(positions, dataset.fps), 0.0)
+    least = np.where(derived, SLOW_SHARE, SETTLING_SHARE) * compute_large_speeds(positions, dataset.fps)
     moving = np.abs(values) > np.maximum(SIGNIFICANT_DEVIATIONS * deviations, least)
     if dataset.commands_positions and moving.any(axis=1).sum() < max(CUT_EPISODE_SHARE * len(filled), 1):
         values, deviations = np.where(moving, values, 0.0), np.where(moving, deviations, 0.0)

@@ -1,8 +1,9 @@
 """Output folder of a gap report, which may only replace an earlier report."""
 
+import json
 import shutil
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from nas_data.errors import OutputExists
@@ -12,6 +13,8 @@ PHI = "phi"  # checkpoint on top of the names
 FOLDERS = ("figures", PHI)
 UNFINISHED = ".unfinished"  # folder of a report that is being written
 ASSETS = "assets"  # files that `model.xml` needs; the folder may hold others
+EXPORTS = ("parameters.csv", "bam")
+FIGURES = ("gap_per_joint.png", "joint_*.png")
 MARKS = ("report.json", "effects.json")  # one of them exists from the start of a report
 
 
@@ -35,20 +38,28 @@ def check_free(folder: Path) -> None:
     Raises:
         OutputExists: names the file that would be lost.
     """
-    strange = [name for name in (*FILES, *FOLDERS) if (folder / name).exists()]
-    if strange and not any((folder / name).is_file() for name in MARKS):
+    strange = [name for name in (*FILES, *FOLDERS, ASSETS, *EXPORTS) if (folder / name).exists()]
+    if strange and not any(is_ours(folder / name) for name in MARKS):
         raise OutputExists(f"{folder} holds {strange[0]}, which is not a file of a gap report; choose another --out.")
 
 
-def check_effects(folder: Path, effects: Path) -> None:
-    """Refuse rounded effects in the place of the exact ones of the same report.
+def is_ours(path: Path) -> bool:
+    """Return whether a file is the `report.json` or `effects.json` of a report, by its content."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(content, dict) and isinstance(content.get("effects"), list)
+
+
+def check_unfinished(folder: Path) -> None:
+    """Refuse a folder with a finished report, whose page would describe another model.
 
     Raises:
-        OutputExists: the effects are those of the folder's `report.json`, beside its `effects.json`.
+        OutputExists: it holds one.
     """
-    report, exact = (folder / name for name in MARKS)
-    if effects.resolve() == report.resolve() and exact.is_file():
-        raise OutputExists(f"{exact} has the effects of {effects} with all digits; give --effects {exact}.")
+    if is_ours(folder / MARKS[0]):
+        raise OutputExists(f"{folder} holds a finished report, which would describe other files; choose another --out.")
 
 
 def check_model(folder: Path, model: str | Path) -> None:
@@ -89,4 +100,8 @@ def clear_report(folder: Path, keep: Collection[str] = ()) -> None:
     """Remove the files of an earlier report, except its φ and some names."""
     for name in set(FILES).difference(keep):
         (folder / name).unlink(missing_ok=True)
-    shutil.rmtree(folder / "figures", ignore_errors=True)
+    for pattern in FIGURES:
+        for path in (folder / "figures").glob(pattern):
+            path.unlink()
+    with suppress(OSError):  # it is absent, or holds other files
+        (folder / "figures").rmdir()

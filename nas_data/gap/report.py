@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 REPORT = "report.json"
 SCHEMA = 2
-REMEDY = "make it again with: nas gap DATASET --model MODEL"
+REMEDY = "make it again with: nas gap DATASET --model MODEL --out DIR"
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -144,8 +144,10 @@ def read_register_values(path: Path) -> Values:
 
 
 def add_position_sensor(spec: mujoco.MjSpec, joint: str) -> None:
-    """Add a position sensor to a joint that has none."""
-    if spec.sensor(joint + POSITION) is not None:
+    """Give a joint an exact position sensor, with the name and place of an earlier one if it has one."""
+    known = spec.sensor(joint + POSITION)
+    if known is not None:
+        known.cutoff, known.delay, known.interval, known.nsample = 0.0, 0.0, [0.0, 0.0], 0
         return
     sensor = spec.add_sensor(name=joint + POSITION)
     sensor.type = mujoco.mjtSensor.mjSENS_JOINTPOS

@@ -5,6 +5,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -117,6 +118,16 @@ class HtmlPage:
     def charts(self) -> list[Chart]:
         """Return the charts of all sections."""
         return [block for section in self.sections for block in section.blocks if isinstance(block, Chart)]
+
+    @property
+    def anchored(self) -> list[tuple[str, PageSection]]:
+        """The sections, each with a name of its own to link to: its title, with a number where titles repeat."""
+        found: list[tuple[str, PageSection]] = []
+        for section in self.sections:
+            taken = {anchor for anchor, _ in found}
+            names = (f"{section.title} {number}" if number else section.title for number in count())
+            found.append((next(name for name in names if not name or name not in taken), section))
+        return found
 
     def to_html(self) -> str:
         """Return the page; it loads nothing from servers."""

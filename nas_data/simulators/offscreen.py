@@ -95,6 +95,8 @@ def open_context(width: int, height: int) -> OpenGlContext:
             create: Callable[[int, int], OpenGlContext] = importlib.import_module(f"mujoco.{name}").GLContext
             context = create(width, height)
             context.make_current()
+            if name == "glfw" and not importlib.import_module("glfw").get_current_context():
+                continue  # without a display, nothing is raised
         except UNUSABLE:
             continue
         return context

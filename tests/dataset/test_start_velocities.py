@@ -135,6 +135,13 @@ def test_a_noisy_sensor_of_speed_starts_an_arm_in_motion_but_none_at_rest(noise:
     assert np.array_equal(found.values[:, 0], moving.states[moving.starts, 1].astype(float))
 
 
+def test_what_is_left_of_the_settling_before_a_recording_is_no_motion():
+    positions, velocities = swings(100.0)
+    velocities[:, 0] = 1e-3  # [rad/s] measured without noise
+    assert not find_start_velocities(seen(positions, velocities, 100.0, "")).values.any()
+    assert find_start_velocities(seen(*swings(100.0, 0.5), 100.0, "")).values.all()
+
+
 def test_an_arm_under_torques_starts_at_what_is_more_than_rounding():
     slow = seen(*swings(100.0, 0.01), 100.0, "", effort=True)
     assert (find_start_velocities(slow).values > 0).all()

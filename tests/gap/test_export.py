@@ -11,7 +11,7 @@ from nas_data.cli import main
 from nas_data.effects.base import parse
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.exporting import bam
-from nas_data.gap.exporting.identified import list_quantities, read_intervals
+from nas_data.gap.exporting.identified import Quantity, list_quantities, read_intervals
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
 
@@ -200,3 +200,18 @@ def test_a_report_that_is_none_is_refused(arm, tmp_path, capsys):
     line = f"gap add {folder / 'data'} --model {folder / 'arm.xml'} --effects {tmp_path} --out {tmp_path / 'out'}"
     assert main([*line.split(), "--export", "csv"]) == 2
     assert "is not a gap report; give the folder" in capsys.readouterr().err
+
+
+def test_effects_of_other_files_are_exported_without_intervals(arm, tmp_path):
+    folder, _ = arm
+    (tmp_path / "mine.json").write_text(json.dumps(effects_json(VISCOUS)))
+    line = f"gap add {folder / 'data'} --model {folder / 'arm.xml'} --effects {tmp_path / 'mine.json'}"
+    assert main([*line.split(), "--out", str(tmp_path / "out"), "--export", "csv"]) == 0
+    assert (tmp_path / "out/parameters.csv").is_file()
+
+
+def test_delays_of_arm_and_joint_add_up_and_each_joint_has_a_file_of_its_own(tmp_path):
+    delays = [Quantity(joint, "command_delay", "s", value, None) for joint, value in ((None, 0.02), ("a b", 0.01))]
+    folder, _ = bam.write_bam(tmp_path, ["a b", "a_b"], delays)
+    found = {path.name: json.loads(path.read_text())["command_delay"] for path in folder.iterdir()}
+    assert found == {"a_b.json": pytest.approx(0.03), "a_b1.json": pytest.approx(0.02)}

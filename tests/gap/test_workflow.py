@@ -13,9 +13,9 @@ from support.two_joint_arm import ARM, recorded
 
 from nas_data.cli import main
 from nas_data.effects.base import parse
-from nas_data.gap.output_folder import stage_report
+from nas_data.gap.output_folder import clear_report, stage_report
 from nas_data.gap.residual_correlates import find_residual_correlate
-from nas_data.gap.write_model import write_effects
+from nas_data.gap.write_model import add_position_sensor, write_effects
 
 BACKLASH = "backlash:joint=elbow,half_width=0.03"
 
@@ -135,6 +135,8 @@ def test_a_wrong_model_gets_a_sentence(change: str, sentence: str, arm: Path, tm
         ("figures/photo.png", "holds figures, which is not a file of a gap report"),
         ("model.xml", "holds model.xml, which is not a file of a gap report"),
         ("phi/checkpoint/config.json", "holds phi, which is not a file of a gap report"),
+        ("report.json", "holds report.json, which is not a file of a gap report"),
+        ("assets/link.stl", "holds assets, which is not a file of a gap report"),
     ],
 )
 def test_a_report_replaces_nothing_but_a_report(mine: str, sentence: str, arm: Path, tmp_path: Path, capsys):
@@ -161,17 +163,16 @@ def test_a_stage_replaces_nothing_but_a_report(stage: str, arm: Path, tmp_path: 
     assert list(path.parent.iterdir()) == [path] and path.read_text() == "years of work"
 
 
-def test_rounded_effects_do_not_replace_those_of_the_same_report(arm: Path, tmp_path: Path, capsys):
-    data, out = recorded(arm, tmp_path / "data", "--effect", BACKLASH), tmp_path / "out"
+@pytest.mark.parametrize("stage", ["add", "name"])
+def test_a_finished_report_is_not_changed_by_a_stage(stage: str, arm: Path, tmp_path: Path, capsys):
+    data, out = recorded(arm, tmp_path / "data", "--episodes", "2"), tmp_path / "out"
     out.mkdir()
-    effects = write_effects(out, [parse("backlash:joint=elbow,half_width=0.0512345678")], {})
-    exact, report = effects.read_bytes(), out / "report.json"
-    report.write_bytes(exact.replace(b"0.0512345678", b"0.05123"))
-    words = ["gap", "add", str(data), "--model", str(arm), "--out", str(out), "--effects"]
-    assert main([*words, str(report)]) == 2
-    assert f"give --effects {effects}" in capsys.readouterr().err
-    assert main([*words, str(effects)]) == 0
-    assert "0.0512345678" in effects.read_text()
+    effects = write_effects(out, [parse(BACKLASH)], {})
+    shutil.copy(effects, out / "report.json")
+    options = ["--effects", str(effects)] if stage == "add" else []
+    assert main(["gap", stage, str(data), "--model", str(arm), "--out", str(out), *options]) == 2
+    assert "holds a finished report" in capsys.readouterr().err
+    assert sorted(path.name for path in out.iterdir()) == ["effects.json", "report.json"]
 
 
 def test_other_effects_than_those_in_the_folder_replace_them(arm: Path, tmp_path: Path):
@@ -308,3 +309,19 @@ def test_an_interrupted_report_leaves_the_earlier_one_and_a_finished_one_replace
             (staged / name).write_text("new")
     del earlier["next_experiment.csv"]
     assert read_files() == earlier | dict.fromkeys(("report.json", "model.xml", "assets/new.stl"), "new")
+
+
+def test_figures_of_others_stay(tmp_path: Path):
+    (tmp_path / "figures").mkdir()
+    for name in ("gap_per_joint.png", "joint_m1.png", "mine.png"):
+        (tmp_path / "figures" / name).write_text("picture")
+    clear_report(tmp_path)
+    assert [path.name for path in (tmp_path / "figures").iterdir()] == ["mine.png"]
+
+
+def test_a_position_sensor_of_the_model_is_made_exact():
+    sensor = '<sensor><jointpos name="elbow.pos" joint="elbow" cutoff="0.2"/></sensor></mujoco>'
+    spec = mujoco.MjSpec.from_string(ARM.replace("</mujoco>", sensor))
+    add_position_sensor(spec, "elbow")
+    model = spec.compile()
+    assert model.sensor("elbow.pos").cutoff[0] == 0 and model.nsensor == 1

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import re
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -392,3 +393,9 @@ def test_nas_report_refuses_what_it_cannot_show_and_writes_nothing(runs, tmp_pat
     assert answer.err.count("\n") == 1
     assert page.exists() == (what in {"foreign page", "folder"})
     assert what != "foreign page" or page.read_text() == "<html>my own</html>"
+
+
+def test_sections_of_one_title_are_linked_one_by_one():
+    html = HtmlPage("several", [PageSection(title, []) for title in ("Errors", "Joints", "Errors", "Files")]).to_html()
+    links, ids = re.findall(r'<a href="#([^"]+)"', html), re.findall(r'<h2 id="([^"]+)"', html)
+    assert links == ids == ["Errors", "Joints", "Errors%201", "Files"]

@@ -17,7 +17,7 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from nas_data.atomic_file import make_file_name, write_atomic
+from nas_data.atomic_file import make_file_names, write_atomic
 from nas_data.gap.exporting.identified import Quantity
 
 FOLDER = "bam"
@@ -53,12 +53,13 @@ def write_bam(folder: Path, joints: Sequence[str], quantities: Sequence[Quantity
     arm = {each.name: each.value for each in quantities if each.joint is None}
     lines = [f"{', '.join(sorted({q.name for q in quantities if q.interval}))}: their ranges"]
     lines = lines if any(quantity.interval for quantity in quantities) else []
+    names = make_file_names(joints)
     for joint in joints:
         own = {each.name: each.value for each in quantities if each.joint == joint}
         if "command_delay" in arm:
-            own.setdefault("command_delay", arm["command_delay"])
+            own["command_delay"] = own.get("command_delay", 0.0) + arm["command_delay"]  # both act
         content, lost = convert_parameters(own)
-        write_atomic(place / f"{make_file_name(joint)}.json", json.dumps(content, indent=1).encode())
+        write_atomic(place / f"{names[joint]}.json", json.dumps(content, indent=1).encode())
         lines += [f"{joint}: {what}" for what in lost]
     return place, lines + [f"the arm's {name}" for name in arm if name != "command_delay"]
 

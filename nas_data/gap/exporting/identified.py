@@ -100,7 +100,8 @@ def read_intervals(path: Path, effects: Sequence[Effect]) -> Intervals:
     if not report.is_file():
         return {}
     try:
-        entries = json.loads(report.read_text(encoding="utf-8"))["effects"]
+        content = json.loads(report.read_text(encoding="utf-8"))
+        entries = content["effects"] if "verdict" in content else []  # other files have effects without intervals
         known = {
             (effect.name, effect.joint, name): (number.value, *number.interval95)
             for effect in (from_json(FittedEffect, entry) for entry in entries)

@@ -25,7 +25,7 @@ def make_film_blocks(folder: Path, report: GapReport, series: Series) -> list[Bl
     try:
         return [draw_film(folder / MODEL, report, series)]
     except MissingPackage as error:
-        return [Text(f"No film was made. {error} Then run: nas gap show {folder.name}")]
+        return [Text(f"No film was made. {error} Then run: nas gap show {folder}")]
     except ModelFileError as error:
         return [Text(f"No film was made. {error}")]
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.atomic_file import make_file_name, write_atomic
+from nas_data.atomic_file import make_file_names, write_atomic
 from nas_data.count_of import join_items
 from nas_data.gap.report import REPORT, GapReport
 from nas_data.gap.report_effects import NamedEffect
@@ -198,9 +198,9 @@ def show(folder: Path) -> Path:
     """
     report, series = GapReport.read(folder / REPORT), Series.read(folder)
     figures = {"gap_per_joint.png": draw_all_joints(report, series)}
+    names = make_file_names(series.joints)
     for joint in find_joints_above(series):
-        name = make_file_name(series.joints[joint])
-        figures[f"joint_{name}.png"] = draw_joint(report, series, joint)
+        figures[f"joint_{names[series.joints[joint]]}.png"] = draw_joint(report, series, joint)
     for stale in (folder / FIGURES).glob("*.png"):
         if stale.name not in figures:
             stale.unlink()

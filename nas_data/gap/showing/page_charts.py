@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from nas_data.atomic_file import make_file_name
+from nas_data.atomic_file import make_file_names
 from nas_data.count_of import join_items
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_parts import Bin
@@ -197,7 +197,7 @@ def draw_joint_chart(report: GapReport, series: Series, joint: int) -> Chart:
         f"{name} in episode {series.episodes[episode]}, the held-out episode that the given model predicts worst. The "
         f"grey band is the noise floor. Error over all held-out episodes: {join_items(errors)}."
     )
-    return Chart("joint_" + make_file_name(name), caption, aside, layout, height=520)
+    return Chart("joint_" + make_file_names(series.joints)[name], caption, aside, layout, height=520)
 
 
 def draw_regimes_chart(report: GapReport) -> list[Chart]:

@@ -75,7 +75,9 @@ class Series:
             parts |= {key: tuple(map(str, parts[key])) for key in ("joints", "slides") if key in parts}
             return cls(**parts)
         except (OSError, ValueError, TypeError, KeyError, zipfile.BadZipFile) as error:
-            raise OptionError(f"{name} has no series to draw ({error}); make it again with: nas gap") from None
+            raise OptionError(
+                f"{name} has no series to draw ({error}); make it again with: nas gap DATASET --model MODEL --out DIR"
+            ) from None
 
     def squares(self, predicted: np.ndarray) -> np.ndarray:
         """Return the mean squared error of each episode and joint [rad²; m²], shape (E, n)."""
