@@ -197,7 +197,7 @@ def test_a_name_is_kept_where_a_better_plain_fit_confirms_it(tmp_path: Path):
     assert [finding.effect for finding in naming.findings] == [parse("servo_stiffness:joint=m2,factor=0.51"), shifted]
     assert [finding.interval for finding in naming.findings] == [{"factor": (0.44, 0.51)}, {"offset": (0.003, 0.0055)}]
     assert naming.final.factors == {"m1.gain": 1.0}
-    assert error(given, found.written) == pytest.approx(error(given, as_found.plain), rel=0.05)  # longer steps
+    assert error(given, found.written) == pytest.approx(error(given, as_found.plain), rel=0.1)  # longer steps
     assert flags(tmp_path) == {"servo_stiffness": True, "joint_offset": True}
     assert not are_similar(shift, parse("joint_offset:joint=m1,offset=-0.004"))
     nothing = replace(

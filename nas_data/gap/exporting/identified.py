@@ -100,15 +100,18 @@ def read_intervals(path: Path, effects: Sequence[Effect]) -> Intervals:
     if not report.is_file():
         return {}
     try:
-        content = json.loads(report.read_text(encoding="utf-8"))
-        entries = content["effects"] if "verdict" in content else []  # other files have effects without intervals
+        entries = [
+            entry
+            for entry in json.loads(report.read_text(encoding="utf-8"))["effects"]
+            if any(isinstance(number, dict) for number in entry["parameters"].values())  # else without intervals
+        ]
         known = {
             (effect.name, effect.joint, name): (number.value, *number.interval95)
             for effect in (from_json(FittedEffect, entry) for entry in entries)
             for name, number in effect.parameters.items()
             if number.interval95 is not None
         }
-    except (OSError, KeyError, TypeError, ValueError):
+    except (OSError, KeyError, TypeError, ValueError, AttributeError):
         raise OptionError(f"{report} is not a gap report; give the folder that `nas gap` wrote.") from None
     values = {
         (effect.name(), effect.joint, parameter.name): float(getattr(effect, parameter.name))
