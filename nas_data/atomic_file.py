@@ -8,16 +8,14 @@ from itertools import count
 from pathlib import Path
 
 
-def make_file_name(name: str) -> str:
-    """Return a name, for example a joint's, with `_` for characters that separate folders or need quoting."""
-    return re.sub(r"[^\w.-]", "_", name)
-
-
 def make_file_names(names: Iterable[str]) -> dict[str, str]:
-    """Return a file name of its own for each name, with a number where two would be equal."""
+    """Return a file name for each name, for example a joint's.
+
+    It has `_` for characters that separate folders or need quoting, and a number where two would be equal.
+    """
     found: dict[str, str] = {}
     for name in names:
-        plain = make_file_name(name)
+        plain = re.sub(r"[^\w.-]", "_", name)
         free = (f"{plain}{number or ''}" for number in count())
         found[name] = next(each for each in free if each not in found.values())
     return found

@@ -40,14 +40,14 @@ class GapAdd(TakesModel):
         """Write the model and score it."""
         from nas_data.gap.compose import measure_gap
         from nas_data.gap.model_correction import ModelCorrection
-        from nas_data.gap.output_folder import check_output_folder, check_unfinished
+        from nas_data.gap.output_folder import check_output_folder, refuse_finished_report
         from nas_data.gap.problem import Problem
         from nas_data.gap.score_model import score_model
         from nas_data.gap.search.final import FinalFit
         from nas_data.joint_units import find_display_unit
 
         check_output_folder(self.out, self.model)
-        check_unfinished(self.out)
+        refuse_finished_report(self.out)
         named = ModelCorrection.read(self.effects)
         begin("reading the recording")
         problem = Problem.load(self.dataset, self.actuated(self.model), registers=named.registers)

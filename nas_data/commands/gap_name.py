@@ -28,14 +28,14 @@ class GapName(TakesModel):
         """Run the search and write its result."""
         from nas_data.gap.compose import describe_finding
         from nas_data.gap.name import name
-        from nas_data.gap.output_folder import check_output_folder, check_unfinished
+        from nas_data.gap.output_folder import check_output_folder, refuse_finished_report
         from nas_data.gap.problem import Problem
         from nas_data.gap.summary import describe_effect
         from nas_data.gap.write_model import write_effects
         from nas_data.typed_json import to_json
 
         check_output_folder(self.out, self.model)
-        check_unfinished(self.out)
+        refuse_finished_report(self.out)
         begin("reading the recording")
         problem = Problem.load(self.dataset, self.actuated(self.model))
         naming = name(problem.train, problem.held, say)

@@ -52,7 +52,7 @@ def is_ours(path: Path) -> bool:
     return isinstance(content, dict) and isinstance(content.get("effects"), list)
 
 
-def check_unfinished(folder: Path) -> None:
+def refuse_finished_report(folder: Path) -> None:
     """Refuse a folder with a finished report, whose page would describe another model.
 
     Raises:
