@@ -82,7 +82,7 @@ def evaluate(
         if model_to_test is not None:
             checkpoint.check_fits(model_to_test.network, recorded, own[0])
         source = find_evaluation_source(model_to_test, given, engine, [*own, *folders])
-        known = ServoRegisters.of(recorded) if alone else NO_REGISTERS  # φ knows the source of its pairing
+        known = ServoRegisters.of(recorded) if alone else NO_REGISTERS  # φ corrects the model as given; see `pair`
         simulator = source.with_registers(known).simulator(recorded) if source else None
         if simulator is not None and given is not None:
             warn_of_ranges(recorded, find_robot(given))

@@ -1,6 +1,6 @@
 """Roll out policies on the target or on the arm itself: return, success, and their spread over seeds."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,8 +11,20 @@ from nas_data.count_of import count_of
 from nas_data.environment_ids import TARGET_DYNAMICS
 from nas_data.errors import OptionError
 
-SPEED, LARGEST_STEP = 1.745, 3.2  # [rad/s; rad] 100°/s as in the paper; a step that limits nothing
-ID, DEFENDER_ID = "ergojr", "ergojr_defender"
+# Options that have no effect elsewhere.
+OF_ARMS = (
+    "defender_port",
+    "hits",
+    "record",
+    "lockstep",
+    "finish",
+    "apart",
+    "speed",
+    "largest_step",
+    "id",
+    "defender_id",
+)
+OF_SIMULATIONS = ("engine", "dynamics")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,14 +71,14 @@ class PolicyEvaluate(Command):
     command resumes after the last saved episode."""
     finish: bool = False
     """Roll out no more episodes: write the dataset of the saved ones."""
-    speed: float = SPEED
+    speed: float = 1.745
     """Speed limit in the servos [rad/s], 100°/s as in the paper; 0 for none. Use that of the recording
     from which the policy's model was made."""
-    largest_step: float = LARGEST_STEP
+    largest_step: float = 3.2
     """Largest difference between successive commands [rad]."""
-    id: str = ID
+    id: str = "ergojr"
     """Name of the arm, which selects its calibration."""
-    defender_id: str = DEFENDER_ID
+    defender_id: str = "ergojr_defender"
     """Name of the second arm, which selects its calibration."""
     lockstep: bool = False
     """Simulate virtual arms as fast as the machine can, instead of in real time."""
@@ -88,20 +100,9 @@ class PolicyEvaluate(Command):
 
     def _check_unused(self) -> None:
         """Refuse options that would have no effect."""
-        arms = {
-            "--defender-port": self.defender_port,
-            "--hits": self.hits,
-            "--record": self.record,
-            "--lockstep": self.lockstep,
-            "--finish": self.finish,
-            "--apart": self.apart != "bodies",
-            "--speed": self.speed != SPEED,
-            "--largest-step": self.largest_step != LARGEST_STEP,
-            "--id": self.id != ID,
-            "--defender-id": self.defender_id != DEFENDER_ID,
-        }
-        simulations = {"--engine": self.engine != "mujoco", "--dynamics": self.dynamics != TARGET_DYNAMICS}
-        unused = [option for option, given in (simulations if self.port else arms).items() if given]
+        defaults = {field.name: field.default for field in fields(self)}
+        names = OF_SIMULATIONS if self.port else OF_ARMS
+        unused = [f"--{name.replace('_', '-')}" for name in names if getattr(self, name) != defaults[name]]
         if unused:
             raise OptionError(f"Evaluation on '{self.on}' takes no {unused[0]}; see: nas policy evaluate --help.")
 

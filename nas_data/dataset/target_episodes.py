@@ -6,6 +6,7 @@ REGISTERS = "registers"  # history: entries with `from_episode` and `joints`
 EPISODES = "episodes"  # one entry an episode
 
 Target = Mapping[str, object]
+Tables = Mapping[str, Mapping[str, int]]  # control table of each joint: by joint, then by register
 
 
 def select_episodes(target: Target | None, episodes: Sequence[int], count: int) -> Target | None:
@@ -51,13 +52,13 @@ def join_targets(parts: Sequence[tuple[Target | None, int]]) -> Target | None:
     return joined or None
 
 
-def read_history(target: Target) -> list[tuple[int, object]]:
+def read_history(target: Target) -> list[tuple[int, Tables]]:
     """Return the history of the servos' registers: first episode and values by joint; empty if there is none."""
     history = target.get(REGISTERS)
     return [(int(entry["from_episode"]), entry["joints"]) for entry in history] if isinstance(history, list) else []
 
 
-def find_joints(history: Sequence[tuple[int, object]], episode: int) -> object:
+def find_joints(history: Sequence[tuple[int, Tables]], episode: int) -> Tables:
     """Return the registers by joint in an episode; the first known ones before the history begins."""
     return next((joints for start, joints in reversed(history) if start <= episode), history[0][1])
 

@@ -43,7 +43,7 @@ BY_OPTIONS_OR_MAP = Remedies(TIMING | RESAMPLED)
 OPEN = 0.9  # share of its range to which an open gripper is open at least
 GENERATED = "generated"  # name of a map that was made for a dataset
 SAME_RATE = 1e-6  # relative
-CALIBRATION_ATTACHMENT = "meta/calibration{}.json"  # of one arm, or of each with its number
+CALIBRATION_ATTACHMENT = "meta/calibration{}.json"  # of one arm, or of each with its side
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import numpy as np
 
 from nas_data.dataset.incremental_writer import IncrementalWriter
 from nas_data.dataset.provenance import Provenance, read_provenance
+from nas_data.dataset.target_episodes import read_history
 from nas_data.errors import ArmError
 from nas_data.hardware.arms.base import Arm, Driver, Registers
 from nas_data.recorders.arm_dataset import to_dataset
@@ -100,9 +101,7 @@ class Settings:
     @classmethod
     def of(cls, target: Mapping[str, object] | None) -> Self:
         """Read the history from a recording's provenance."""
-        stored = (target or {}).get("registers")
-        entries = stored if isinstance(stored, list) else []
-        return cls({int(entry["from_episode"]): entry["joints"] for entry in entries})
+        return cls(dict(read_history(target or {})))
 
     def record(self, episode: int, registers: Registers) -> None:
         """Add the registers read before an episode; entries of this and of later episodes are dropped."""

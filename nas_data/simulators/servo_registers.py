@@ -10,6 +10,7 @@ import mujoco
 from nas_data.count_of import join_items
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.provenance import Provenance, read_provenance
+from nas_data.dataset.target_episodes import read_history
 from nas_data.effects.edits.derived_servo_values import fix_derived_values
 from nas_data.errors import ModelFileError
 from nas_data.robots.base import ConsecutiveEdits, Robot
@@ -47,8 +48,8 @@ class ServoRegisters:
     @classmethod
     def read(cls, provenance: Provenance | None, joints: Sequence[str]) -> "ServoRegisters":
         """Return the registers of a recording's joints from its provenance; empty if it holds none."""
-        stored = ((provenance.target if provenance else None) or {}).get("registers")
-        entries = [_normalise(entry["joints"], joints) for entry in stored] if isinstance(stored, list) else []
+        history = read_history((provenance.target if provenance else None) or {})
+        entries = [_normalise(tables, joints) for _, tables in history]
         first, *others = entries or [{}]
         changing = tuple(name for name in KINDS if any(other.get(name) != first.get(name) for other in others))
         return cls({name: values for name, values in first.items() if name not in changing}, changing)
