@@ -13,6 +13,7 @@ from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.target_episodes import read_history
 from nas_data.errors import ArmError
 from nas_data.hardware.arms.base import Arm, Driver, Registers
+from nas_data.joint_units import find_joint_unit
 from nas_data.recorders.arm_dataset import to_dataset
 from nas_data.recorders.arm_motion import ArmEpisode, ArmMotion
 from nas_data.recorders.arm_plan import MotionPlan
@@ -33,6 +34,7 @@ SHARED_SETTINGS = {  # names for the user of settings in which two sessions may 
     "zeros_counts": "zero of a joint (--zero)",
     "per_count": "direction of a joint (--reverse)",
 }
+FAR = 0.35  # [rad] from a pose after a slow approach: more than servos sag (11° on the virtual ErgoJr)
 TRIES = 3  # attempts at an episode; the last one is kept with missed readings, and raises on a bus error
 
 
@@ -136,6 +138,7 @@ class RecordingJob:
         self.tally = RecordingStats.of(known.target if known else None)
         self.tally.sittings += 1
         self._settings = Settings.of(known.target if known else None)
+        self._behind: set[str] = set()
 
     def run(self, progress: Callable[[int, float], None]) -> None:
         """Record the missing episodes; always leave the arm without torque.
@@ -192,11 +195,23 @@ class RecordingJob:
 
     def _play(self, motion: ArmMotion, number: int) -> ArmEpisode:
         pose = self._job.plan.poses[number]
-        motion.approach(pose)
+        self._report_joints_behind(motion.approach(pose) - pose)
         if motion.vitals.temperature.max() >= self._job.hot:
             self._cool(motion, pose)
         self._settings.record(number, motion.arm.registers())
         return motion.play(self._job.plan.commands[number])
+
+    def _report_joints_behind(self, deviations: np.ndarray) -> None:
+        """Tell the user once of each joint that stays far from a pose [rad; m], shape (n,), after a slow approach."""
+        setup = self._job.setup
+        for name, deviation, radian in zip(setup.driver.names, deviations, setup.planner.radians, strict=True):
+            if abs(deviation) > FAR * radian and name not in self._behind:
+                self._behind.add(name)
+                distance = find_joint_unit(name, setup.planner.slides).text(abs(deviation), 1)
+                self._say(
+                    f"{name} stays {distance} from a pose to which it went slowly: "
+                    "something blocks it, its servo is too weak, or its readings are shifted. The recording goes on."
+                )
 
     def _cool(self, motion: ArmMotion, pose: np.ndarray) -> None:
         """Wait in the rest pose until the warmest servo has cooled."""

@@ -133,8 +133,11 @@ class ArmMotion:
             np.array([health.voltage for health in first]), np.array([float(health.temperature) for health in first])
         )
 
-    def approach(self, pose: np.ndarray) -> None:
-        """Move slowly to a pose [rad], shape (n,), on a collision-free path, and hold it for half a second.
+    def approach(self, pose: np.ndarray) -> np.ndarray:
+        """Move slowly to a pose [rad; m], shape (n,), on a collision-free path, and hold it for half a second.
+
+        Returns:
+            Positions at the end [rad; m], shape (n,).
 
         Raises:
             PathBlocked: no path is free.
@@ -145,7 +148,8 @@ class ArmMotion:
         corners = np.stack([begin, *self._planner.find(begin, pose)])
         step = self.slow_speed * self.period * self._planner.radians
         slow = [plan_slow_path(a, b, step) for a, b in pairwise(corners)]
-        self.play(np.concatenate([*slow, np.repeat(pose[None], round(SETTLE / self.period), axis=0)]))
+        slow.append(np.repeat(pose[None], round(SETTLE / self.period), axis=0))
+        return self.play(np.concatenate(slow)).readings[-1].positions
 
     def hold(self, pose: np.ndarray, seconds: float) -> None:
         """Hold a pose [rad], shape (n,), for a time [s]; raises like `play`."""

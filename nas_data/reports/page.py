@@ -48,7 +48,7 @@ class Facts:
 class Chart:
     """An interactive figure, drawn by plotly.js in the browser."""
 
-    name: str  # unique name on the page
+    name: str  # id on the page; of several with one name, the first has it
     caption: str  # caption
     traces: Sequence[Mapping[str, object]]  # traces for plotly.js, with NumPy arrays
     # axes and shapes for plotly.js; the page adds fonts, margins and colours
@@ -118,6 +118,10 @@ class HtmlPage:
     def charts(self) -> list[Chart]:
         """Return the charts of all sections."""
         return [block for section in self.sections for block in section.blocks if isinstance(block, Chart)]
+
+    def has_id(self, chart: Chart) -> bool:
+        """Whether a chart has its name as id: the first one of that name; a page may show several runs."""
+        return chart is next((other for other in self.charts() if other.name == chart.name), None)
 
     @property
     def anchored(self) -> list[tuple[str, PageSection]]:

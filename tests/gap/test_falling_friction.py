@@ -10,6 +10,7 @@ from nas_data.cli import main
 HIDDEN = {"ratio": 0.5, "kinetic_ratio": 0.4, "stribeck_velocity": 0.8}
 
 
+@pytest.mark.slow
 def test_friction_under_load_that_falls_with_speed_is_named(tmp_path: Path):
     effect = "load_friction:joint=pendulum," + ",".join(f"{name}={value}" for name, value in HIDDEN.items())
     command = ["record", "sim", "--robot", "pendulum", "--effect", effect, "--noise", "0.0009", "--blind"]

@@ -79,6 +79,7 @@ def test_friction_that_the_robot_lacks_is_unexplained_because_no_effect_removes_
     assert "only if numbers that it already has change by more than 25 %" in text
 
 
+@pytest.mark.slow
 def test_more_friction_is_named_with_its_size(tmp_path):
     report = identify(tmp_path, "coulomb_friction:joint=j,torque=0.2")
     (found,) = report.effects

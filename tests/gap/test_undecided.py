@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from nas_data.api.gap import identify
 from nas_data.cli import main
 
@@ -14,6 +16,7 @@ def record(folder: Path, *options: str) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_proposed_experiment_decides(tmp_path: Path):
     """Six seconds of slow motion do not decide; with the experiment, the name is certain."""
     slow = ("--excitation", "multisine:fastest=0.5,share=0.25", "--episodes", "2", "--seed", "100")

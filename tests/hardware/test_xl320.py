@@ -313,7 +313,7 @@ def test_no_reading_is_wrong_or_old_on_a_bad_line(fault):
     with virtual(fault) as bus:
         arm = Xl320Arm(bus.port, JOINTS)
         truth, position, still = {}, 0, None
-        for step in range(60):
+        for step in range(30):
             identity = step % 6 + 1
             position = (position + 37) % 1024
             try:

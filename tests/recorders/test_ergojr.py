@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -137,6 +138,12 @@ def test_effects_are_kept_secret_where_they_are_to_be_found_and_a_step_is_no_lar
     assert record(*LOCKSTEP, "--episodes", "1", *secret, "--largest-step", "0.01") == 0
     assert "backlash" not in (finished() / "meta/nas.json").read_text()
     assert np.abs(np.diff(read(finished()).columns[ACTION], axis=0)).max() < 0.01 + TICK
+
+
+def test_a_joint_far_from_the_pose_to_which_it_went_is_reported_once(capsys):
+    assert record(*LOCKSTEP, "--episodes", "2", "--effect", "joint_offset:joint=m1,offset=0.4") == 0
+    behind = re.findall(r"(m\d) stays (\d\d)\.\d° from a pose", capsys.readouterr().err)
+    assert behind == [("m1", "27")]  # the offset and the dead band
 
 
 def test_a_file_of_commands_is_played_as_it_is(folder):

@@ -247,6 +247,12 @@ def test_a_page_needs_nothing_but_itself_and_holds_its_films_and_charts():
     assert read == {"x": {"dtype": "f4", "bdata": "AACAPwAAAEA="}, "y": ["</script>", "b"]}
 
 
+def test_of_two_charts_with_one_name_the_first_has_it_as_id():
+    charts = [Chart("a", "of one run", []), Chart("a", "of another run", []), Chart("b", "alone", [])]
+    html = page_of(*charts).to_html()
+    assert [html.count(f'id="{name}"') for name in "ab"] == [1, 1]
+
+
 def test_a_page_without_charts_does_without_their_library():
     assert len(page_of(Text("one")).to_html()) < 20_000
 

@@ -164,7 +164,11 @@ class ArmSetup:
     def _make_single_approach(self, motion: ArmMotion) -> Callable[[np.ndarray], None]:
         """Return a function that brings a single arm to a pose [rad], shape (n,), with sag compensation."""
         planner = self.attacker.planner
-        return lambda pose: motion.approach(pose - planner.sag(pose))
+
+        def approach(pose: np.ndarray) -> None:
+            motion.approach(pose - planner.sag(pose))
+
+        return approach
 
     def _add_hit_source(self, task: Task, stack: ExitStack) -> Task:
         """Return the task with its source of hits."""
