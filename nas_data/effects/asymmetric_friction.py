@@ -11,6 +11,7 @@ from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.effects.coulomb_friction import HOLDING
 from nas_data.effects.edits.holding import stiffen_friction
 from nas_data.effects.edits.passive import add_passive, set_bias
+from nas_data.effects.edits.servo import move_limit_to_servo
 from nas_data.mjcf.unique_name import make_unique_name
 
 
@@ -62,5 +63,6 @@ class AsymmetricFriction(Effect):
         stiffen_friction(spec, self.joint, HOLDING)
         shift = float(np.clip(self.difference, -self.torque, self.torque))
         if shift:
+            move_limit_to_servo(spec, self.joint)
             name = make_unique_name(spec.actuator, f"{self.joint}_asymmetry")
             set_bias(add_passive(spec, name, mujoco.mjtTrn.mjTRN_JOINT, self.joint), -shift)

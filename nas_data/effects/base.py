@@ -10,11 +10,11 @@ from typing import ClassVar, Self
 import mujoco
 
 from nas_data import registry
-from nas_data.effects.edits.derived_servo_values import fix_derived_values
+from nas_data.effects.edits.explicit_values import make_values_explicit
 from nas_data.effects.edits.hook import StepHook
 from nas_data.errors import JointMismatch, NasError, OptionError
 from nas_data.joint_units import convert_hinge_unit
-from nas_data.mjcf.actuator_lookup import find_driven_joint
+from nas_data.mjcf.actuator_lookup import find_driven_joint, is_group_off
 
 DETAIL_START = 1e-3  # initial value of an optional parameter over its spread, just off neutral, so that it is fitted
 
@@ -330,7 +330,7 @@ def add_effects(spec: mujoco.MjSpec, effects: Iterable[Effect]) -> None:
     """
     chosen = sorted(effects, key=lambda effect: effect.edit_order)
     if not all(effect.is_neutral for effect in chosen):
-        fix_derived_values(spec)
+        make_values_explicit(spec)
     for effect in chosen:
         if effect.joint is not None and spec.joint(effect.joint) is None:
             names = ", ".join(joint.name for joint in spec.joints)
@@ -340,7 +340,7 @@ def add_effects(spec: mujoco.MjSpec, effects: Iterable[Effect]) -> None:
 
 
 def find_joint_actuator(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsActuator:
-    """Return the actuator that drives a joint; of several, the first with position feedback.
+    """Return the actuator that drives a joint; of several, the first with position feedback that is not switched off.
 
     Raises:
         JointMismatch: no actuator drives the joint.
@@ -348,4 +348,5 @@ def find_joint_actuator(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsActuator:
     driving = [actuator for actuator in spec.actuators if find_driven_joint(spec, actuator) == joint]
     if not driving:
         raise JointMismatch(f"No actuator of the model drives the joint '{joint}'.")
-    return min(driving, key=lambda actuator: actuator.biasprm[1] == 0)
+    off = spec.option.disableactuator
+    return min(driving, key=lambda each: (is_group_off(each.group, off), each.biasprm[1] == 0))

@@ -11,6 +11,7 @@ from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.effects.edits.servo import (
     POSITION_INPUT,
     find_position_servo,
+    has_own_zero,
     read_force_range,
     read_position_feedback,
     take_own_unit,
@@ -74,7 +75,6 @@ class IntegralGain(Effect):
             return "has a dead band that the integral would overcome"
         if spec.actuator(f"{self.joint}{PROFILE}") is not None:
             return "moves a goal joint with a profile, whose error the integral would sum up"
-        fixed = servo.gaintype == mujoco.mjtGain.mjGAIN_FIXED
-        if fixed and servo.biasprm[0] and servo.gainprm[0] != read_position_feedback(servo):
+        if has_own_zero(spec, str(self.joint), servo):
             return "takes a control with a zero of its own; give a model that is commanded positions"
         return ""

@@ -10,6 +10,7 @@ import numpy as np
 from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.effects.edits.holding import stiffen_friction
 from nas_data.effects.edits.passive import add_passive
+from nas_data.effects.edits.servo import move_limit_to_servo
 from nas_data.mjcf.unique_name import make_unique_name
 
 KINETIC_SHARE = 1e-3  # share of the bristles' friction that remains at speed; MuJoCo divides by it
@@ -69,6 +70,7 @@ class StribeckFriction(Effect):
         spec.joint(self.joint).frictionloss += self.torque * self.kinetic_ratio
         stiffen_friction(spec, self.joint)
         if self.kinetic_ratio < 1:
+            move_limit_to_servo(spec, self.joint)
             add_bristles(spec, self.joint, self.torque * (1 - self.kinetic_ratio), self.stribeck_velocity)
 
 

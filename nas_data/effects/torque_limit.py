@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
-import numpy as np
 
 from nas_data.effects.base import Effect, Parameter, Scales, find_joint_actuator
-from nas_data.effects.edits.servo import set_force_limit, set_joint_limit
+from nas_data.effects.edits.servo import has_torque_limit, set_force_limit, set_joint_limit
 from nas_data.mjcf.actuator_lookup import CURVE, GOAL_GAIN
 
 
@@ -44,8 +43,7 @@ class TorqueLimit(Effect):
         assert self.joint is not None
         actuator, joint = find_joint_actuator(spec, self.joint), spec.joint(self.joint)
         has_goal, has_curve = (spec.actuator(self.joint + part) is not None for part in (GOAL_GAIN, CURVE))
-        is_limited = joint.actfrclimited != mujoco.mjtLimited.mjLIMITED_FALSE and np.any(joint.actfrcrange)
-        if has_goal or (is_limited and not has_curve):
+        if has_goal or (has_torque_limit(joint) and not has_curve):
             set_joint_limit(joint, self.torque)
         if not has_goal:
             set_force_limit(actuator, self.torque)

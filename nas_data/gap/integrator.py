@@ -3,6 +3,8 @@
 import mujoco
 import numpy as np
 
+from nas_data.mjcf.timestep import set_timestep
+
 STAGES = 4  # evaluations per step of RK4; as many steps of another integrator cost the same
 FINE_TIMESTEP = 0.0005  # [s] timestep whose discretisation error is below sensor noise
 
@@ -36,7 +38,8 @@ def make_implicit(spec: mujoco.MjSpec, period: float) -> str:
     explicit_damping = bool(option.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP))
     if option.integrator == int(mujoco.mjtIntegrator.mjINT_RK4):
         own = "RK4"
-        option.timestep = find_whole_step(period, min(option.timestep, max(option.timestep / STAGES, FINE_TIMESTEP)))
+        longest = min(option.timestep, max(option.timestep / STAGES, FINE_TIMESTEP))
+        set_timestep(spec, find_whole_step(period, longest))
     elif option.integrator == int(mujoco.mjtIntegrator.mjINT_EULER) and explicit_damping:
         own = "Euler without implicit damping"
     else:

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from nas_data.effects.base import Effect
-from nas_data.effects.edits.derived_servo_values import fix_derived_values
+from nas_data.effects.edits.explicit_values import make_values_explicit
 from nas_data.effects.edits.servo import find_position_servo, scale_stiffness
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.integrator import FINE_TIMESTEP, find_whole_step, make_implicit
@@ -17,6 +17,7 @@ from nas_data.gap.side_by_side import is_sharing_cores
 from nas_data.mjcf.bake_inertia import bake_inertia
 from nas_data.mjcf.measured_joints import mark_measured_joints
 from nas_data.mjcf.strip_meshes import count_colliding_geoms, needs_files, strip_meshes
+from nas_data.mjcf.timestep import set_timestep
 from nas_data.robots.base import Robot, find_robot, list_actuated_joints, list_slide_joints
 from nas_data.simulators.initial_states import START_SECONDS, InitialLoad, choose_initial_loads
 from nas_data.simulators.lock_joints import lock_unmeasured_joints
@@ -81,9 +82,9 @@ class Nominal:
         robot = registers.set_in(given)
         MujocoSimulator(robot, evidence.period, evidence.joints)  # raises for a model that cannot be used
         spec = bake_inertia(robot.spec())
-        fix_derived_values(spec)
+        make_values_explicit(spec)
         mark_measured_joints(spec, evidence.joints, list_actuated_joints(spec))
-        spec.option.timestep = find_whole_step(evidence.period, spec.option.timestep)
+        set_timestep(spec, find_whole_step(evidence.period, spec.option.timestep))
         bases = [f"The base '{base}' has a free joint; it is fixed at its pose in the model." for base in robot.bases]
         notes = (*bases, *adapt_model(spec, evidence.joints, evidence.period))
         base = list_base_parameters(spec, evidence.joints)
@@ -227,11 +228,7 @@ def find_fine_timestep(nominal: Nominal) -> float:
 
 def with_timestep(nominal: Nominal, timestep: float) -> Nominal:
     """Return the model with another timestep [s]."""
-
-    def shorten(spec: mujoco.MjSpec) -> None:
-        spec.option.timestep = timestep
-
-    return nominal.with_edit(shorten)
+    return nominal.with_edit(lambda spec: set_timestep(spec, timestep))
 
 
 def strip_idle_meshes(spec: mujoco.MjSpec) -> mujoco.MjSpec:

@@ -142,9 +142,13 @@ def list_base_parameters(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[No
 
 
 def find_moved_bodies(model: mujoco.MjModel, joint: str, joints: Sequence[str]) -> tuple[str, ...]:
-    """Return the bodies with mass that a joint moves and no later measured joint does."""
-    first = int(model.joint(joint).bodyid[0])
-    others = {int(model.joint(name).bodyid[0]) for name in joints if name != joint}
+    """Return the bodies with mass that a joint moves and no later measured joint does, also one of the same body."""
+    own = model.joint(joint)
+    first = int(own.bodyid[0])
+    rest = [model.joint(name) for name in joints if name != joint]
+    if any(other.bodyid[0] == first and other.id > own.id for other in rest):
+        return ()
+    others = {int(other.bodyid[0]) for other in rest}
     found = []
     for body in range(1, model.nbody):
         above = body

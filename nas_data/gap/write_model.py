@@ -18,6 +18,7 @@ from nas_data.errors import OptionError
 from nas_data.gap.nominal import Nominal, find_fine_timestep
 from nas_data.mjcf.actuator_lookup import GOAL, find_goal_joints
 from nas_data.mjcf.export import write_portable
+from nas_data.mjcf.timestep import set_timestep
 from nas_data.simulators.servo_registers import Values
 
 MODEL, EFFECTS, DIFFERENCE = "model.xml", "effects.json", "model.diff"
@@ -41,7 +42,7 @@ def write_model(
         Paths of both files.
     """
     spec = nominal.make_spec(factors)
-    spec.option.timestep = timestep or find_fine_timestep(nominal)
+    set_timestep(spec, timestep or find_fine_timestep(nominal))
     before = spec.copy().compile()
     add_effects(spec, [effect for effect in effects if effect.in_model])
     keep_keyframes(spec, before)

@@ -86,9 +86,13 @@ def find_driving_actuators(model: mujoco.MjModel, joint: int) -> np.ndarray:
 
 
 def is_switched_off(model: mujoco.MjModel, actuator: int) -> bool:
-    """Whether the model switches off an actuator's group; only 0 … 30 can be."""
-    group = int(model.actuator_group[actuator])
-    return 0 <= group <= 30 and bool(int(model.opt.disableactuator) >> group & 1)
+    """Whether the model switches off an actuator's group (`actuatorgroupdisable`)."""
+    return is_group_off(int(model.actuator_group[actuator]), int(model.opt.disableactuator))
+
+
+def is_group_off(group: int, switched_off: int) -> bool:
+    """Whether the bits of `disableactuator` switch off a group of actuators; only 0 … 30 can be."""
+    return 0 <= group <= 30 and bool(switched_off >> group & 1)
 
 
 def find_servo_actuators(model: mujoco.MjModel, joint: int) -> list[int]:

@@ -21,7 +21,10 @@ def bake_inertia(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     result.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
     result.compiler.settotalmass, result.compiler.balanceinertia = DISABLED, False
     result.compiler.boundmass = result.compiler.boundinertia = 0.0
+    kept = {model.body(index).name for index in range(model.nbody)}  # of a URDF, bodies without a joint are fused
     for body in result.bodies[1:]:
+        if body.name not in kept:
+            continue
         compiled = model.body(body.name)
         if compiled.mass[0] <= 0 and not compiled.inertia.any():
             continue
@@ -30,3 +33,9 @@ def bake_inertia(spec: mujoco.MjSpec) -> mujoco.MjSpec:
         body.inertia, body.ipos, body.iquat = compiled.inertia, compiled.ipos, compiled.iquat
         body.fullinertia = np.full(6, np.nan)
     return result
+
+
+def rescales_masses(spec: mujoco.MjSpec) -> bool:
+    """Whether compiler options would also change the mass of a body that is added."""
+    compiler = spec.compiler
+    return bool(compiler.settotalmass > 0 or compiler.boundmass > 0 or compiler.boundinertia > 0)

@@ -130,10 +130,11 @@ def read_spec(path: Path) -> mujoco.MjSpec:
 
 def _parse(path: Path) -> mujoco.MjSpec:
     """Read a model by its content, because MuJoCo only reads files with suffix `.xml` or `.urdf`."""
-    content = path.read_bytes()
+    # MuJoCo doubles the folder of a relative path for files that an included file refers to
+    content, absolute = path.read_bytes(), path.absolute()
     if path.suffix in KNOWN or not content.removeprefix(codecs.BOM_UTF8).lstrip().startswith(b"<"):
-        return mujoco.MjSpec.from_file(str(path))
-    known = path.with_name(path.name + KNOWN[0])
+        return mujoco.MjSpec.from_file(str(absolute))
+    known = absolute.with_name(path.name + KNOWN[0])
     return mujoco.MjSpec.from_file(str(known), include={known.name: content})
 
 
@@ -147,14 +148,14 @@ def _explain_error(path: Path, reason: str) -> str:
     """Return the error message for a model that MuJoCo cannot read."""
     missing = MISSING.search(reason)
     if missing:
-        if missing[1].startswith("package:"):
-            inside = missing[1].removeprefix("package:").lstrip("/")
+        file = missing[1].removeprefix(f"{path.parent.absolute()}/")
+        if file.startswith("package:"):
+            inside = file.removeprefix("package:").lstrip("/")
             return (
                 f"{path} needs the file '{inside}' of a ROS package: put the package's folder beside the model, and "
                 "remove 'package://' from the model."
             )
-        wanted = path.parent / missing[1]
-        return f"{path} needs the file '{missing[1]}', which is missing: put it beside the model, at {wanted}."
+        return f"{path} needs the file '{file}', which is missing: put it beside the model, at {path.parent / file}."
     if (light := WEIGHTLESS.search(reason)) is not None:
         return (
             f"{path} has a moving link without mass, '{light[1]}'; give it mass and inertia (<inertial>), "
@@ -188,9 +189,9 @@ def _locate_nan(path: Path) -> str:
 
 
 def list_actuated_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
-    """Return the names of the joints that actuators drive, in the order of the actuators."""
+    """Return the names of the joints that actuators drive, each once, in the order of the actuators."""
     driven = (find_driven_joint(spec, actuator) for actuator in spec.actuators)
-    return tuple(joint for joint in driven if joint is not None)
+    return tuple(dict.fromkeys(joint for joint in driven if joint is not None))
 
 
 def list_arm_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:

@@ -10,7 +10,9 @@ import numpy as np
 from nas_data.effects.base import Effect, add_effects
 from nas_data.effects.edits.hook import StepHook
 from nas_data.errors import JointMismatch, ModelFileError, NasError
+from nas_data.mjcf.bake_inertia import bake_inertia, rescales_masses
 from nas_data.mjcf.measured_joints import mark_measured_joints
+from nas_data.mjcf.timestep import set_timestep
 from nas_data.robots.base import Robot, list_actuated_joints
 from nas_data.simulators.hooks import find_hooks
 from nas_data.simulators.layout import Layout
@@ -57,8 +59,10 @@ class CompiledRobot:
         """
         effects = tuple(effects)
         spec = robot.spec()
+        if rescales_masses(spec) and not all(effect.is_neutral for effect in effects):
+            spec = bake_inertia(spec)
         substeps = max(1, math.ceil(period / spec.option.timestep - 1e-6))
-        spec.option.timestep = period / substeps
+        set_timestep(spec, period / substeps)
         joints = joints or robot.joints
         mark_measured_joints(spec, joints, list_actuated_joints(spec))
         if not robot.adapted and has_unmeasured_joints(spec, joints):

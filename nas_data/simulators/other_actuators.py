@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from nas_data.log import warn_once
-from nas_data.mjcf.actuator_lookup import SHARED, describe_transmission
+from nas_data.mjcf.actuator_lookup import SHARED, describe_transmission, is_switched_off
 from nas_data.simulators.followers import list_tied_dofs, make_generic_posture
 
 LEVER = 1e-9  # smallest moment arm that counts
@@ -89,7 +89,7 @@ def warn_of_held_actuators(
     coupled = {*joints, *(joint for joint in range(model.njnt) if _find_joint_leader(model, joint) in joints)}
     dofs = [int(model.jnt_dofadr[joint]) for joint in coupled]
     for actuator, moved in find_reaching_actuators(model, dofs).items():
-        if actuator in commanded or not pulls(model, actuator):
+        if actuator in commanded or is_switched_off(model, actuator) or not pulls(model, actuator):
             continue
         joint = model.joint(int(model.dof_jntid[moved[0]])).name
         through = f" through {words}" if (words := describe_transmission(model, actuator)) else ""

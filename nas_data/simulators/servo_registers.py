@@ -11,7 +11,7 @@ from nas_data.count_of import join_items
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.target_episodes import read_history
-from nas_data.effects.edits.derived_servo_values import fix_derived_values
+from nas_data.effects.edits.explicit_values import make_values_explicit
 from nas_data.errors import ModelFileError
 from nas_data.robots.base import ConsecutiveEdits, Robot
 from nas_data.simulators.register_changes import Setting
@@ -122,7 +122,7 @@ class ServoRegisters:
         if not self.values:
             return
         spec = robot.spec()
-        fix_derived_values(spec)
+        make_values_explicit(spec)
         for kind, joint, value in self:
             if spec.joint(joint) is not None:
                 yield RegisterUse(kind, make_setting(spec, robot, kind, (joint, value)))
@@ -204,7 +204,7 @@ class RegisterEdit:
 
     def __call__(self, spec: mujoco.MjSpec) -> None:
         """Edit a model."""
-        fix_derived_values(spec)
+        make_values_explicit(spec)
         for kind, joint, value in self.registers:
             setting = make_setting(spec, self.robot, kind, (joint, value))
             if value != setting.own:

@@ -5,6 +5,7 @@ import numpy as np
 
 from nas_data.effects.base import find_joint_actuator
 from nas_data.effects.edits.pristine import clear_joint, clear_tendon
+from nas_data.effects.edits.servo import has_torque_limit
 from nas_data.errors import ModelFileError
 from nas_data.mjcf.actuator_lookup import PAD, PARTS, PRESSED
 from nas_data.mjcf.unique_name import make_unique_name
@@ -129,7 +130,7 @@ def add_ball(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, position: np.
 def couple_servo(spec: mujoco.MjSpec, joint: str) -> None:
     """Let the actuators of the joint's servo also act on the pad, in proportion to their torque on the joint."""
     slide, limited = spec.joint(joint + PAD), spec.joint(joint)
-    if limited.actfrclimited != mujoco.mjtLimited.mjLIMITED_FALSE and np.any(limited.actfrcrange):
+    if has_torque_limit(limited):
         slide.actfrclimited, slide.actfrcrange = limited.actfrclimited, PER_TURN * limited.actfrcrange
     tendons = set()
     parts = [spec.actuator(joint + part) for part in PARTS]

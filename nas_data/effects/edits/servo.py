@@ -10,6 +10,7 @@ from nas_data.effects.base import find_joint_actuator
 from nas_data.errors import ModelFileError
 from nas_data.mjcf.actuator_lookup import (
     BAND,
+    CURVE,
     DAMPING,
     GOAL,
     GOAL_GAIN,
@@ -17,6 +18,7 @@ from nas_data.mjcf.actuator_lookup import (
     REST_SHIFT,
     START,
     START_BAND,
+    TRANSMISSIONS,
     find_driven_joint,
 )
 
@@ -75,7 +77,7 @@ def is_velocity_controlled(actuator: mujoco.MjsActuator) -> bool:
     """Whether the control of an actuator without position feedback is a speed, by its `ctrlspec` or its gains."""
     gain, velocity_feedback = float(actuator.gainprm[0]), -float(actuator.biasprm[2])
     declared = actuator.ctrlspec > 0 and bool(actuator.ctrlspec & int(mujoco.mjtCtrlInput.mjINPUT_VEL))
-    return declared or math.isclose(gain, velocity_feedback, rel_tol=GAIN_TOLERANCE)
+    return declared or (gain != 0 and math.isclose(gain, velocity_feedback, rel_tol=GAIN_TOLERANCE))
 
 
 def compute_control_per_speed(actuator: mujoco.MjsActuator) -> float:
@@ -209,7 +211,7 @@ def read_torque_limit(spec: mujoco.MjSpec, joint: str) -> float:
     actuator, element = find_joint_actuator(spec, joint), spec.joint(joint)
     own = read_force_range(actuator)
     found = [max(map(abs, own)) * abs(float(actuator.gear[0]))] if own else []
-    if element.actfrclimited != mujoco.mjtLimited.mjLIMITED_FALSE and np.any(element.actfrcrange):
+    if has_torque_limit(element):
         found.append(float(np.abs(element.actfrcrange).max()))
     return min(found, default=np.inf)
 
@@ -278,6 +280,15 @@ def read_rest_shift(model: mujoco.MjModel, joint: str) -> float | None:
     return None if number < 0 else float(model.numeric_data[model.numeric_adr[number]])
 
 
+def has_own_zero(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator) -> bool:
+    """Whether a constant force of a servo defines the zero of its control's own unit."""
+    number = spec.numeric(joint + REST_SHIFT)
+    if number is not None:  # also where `take_own_unit` converted the servo
+        return not math.isclose(servo.biasprm[0], number.data[0], rel_tol=GAIN_TOLERANCE, abs_tol=GAIN_TOLERANCE)
+    own_unit = servo.gaintype == mujoco.mjtGain.mjGAIN_FIXED and servo.gainprm[0] != read_position_feedback(servo)
+    return bool(own_unit and servo.biasprm[0])
+
+
 def read_force_range(actuator: mujoco.MjsActuator) -> tuple[float, float] | None:
     """Return the lowest and highest force of an actuator; None without limits."""
     limited = actuator.forcelimited == mujoco.mjtLimited.mjLIMITED_TRUE or (
@@ -296,6 +307,11 @@ def set_force_limit(actuator: mujoco.MjsActuator, torque: float) -> None:
     limit_force(actuator, torque / abs(float(actuator.gear[0])))
 
 
+def has_torque_limit(joint: mujoco.MjsJoint) -> bool:
+    """Whether a joint limits the total actuator torque on it."""
+    return bool(joint.actfrclimited != mujoco.mjtLimited.mjLIMITED_FALSE and np.any(joint.actfrcrange))
+
+
 def set_joint_limit(joint: mujoco.MjsJoint, torque: float) -> None:
     """Set the limit of the total actuator torque on a joint [N·m]."""
     joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_TRUE, [-torque, torque]
@@ -303,9 +319,27 @@ def set_joint_limit(joint: mujoco.MjsJoint, torque: float) -> None:
 
 def limit_torque(joint: mujoco.MjsJoint, low: float, high: float) -> None:
     """Limit the total actuator torque on a joint [N·m]; narrower existing limits stay."""
-    if joint.actfrclimited != mujoco.mjtLimited.mjLIMITED_FALSE and np.any(joint.actfrcrange):
+    if has_torque_limit(joint):
         low, high = max(low, joint.actfrcrange[0]), min(high, joint.actfrcrange[1])
     joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_TRUE, [low, high]
+
+
+def move_limit_to_servo(spec: mujoco.MjSpec, joint: str) -> None:
+    """Limit a joint's servo in place of the joint, whose limit would include a passive actuator's friction, too.
+
+    Nothing changes where several actuators share the joint's limit, or gravity compensation does.
+    """
+    element = spec.joint(joint)
+    targets = [joint, *(joint + tendon for tendon in (CURVE, *TRANSMISSIONS))]
+    driving = [actuator for actuator in spec.actuators if actuator.target in targets]
+    if not has_torque_limit(element) or element.actgravcomp or [each.target for each in driving] != [joint]:
+        return
+    (servo,) = driving
+    low, high = np.sort(element.actfrcrange / float(servo.gear[0]))
+    own = read_force_range(servo) or (low, high)
+    servo.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+    servo.forcerange = [max(low, own[0]), min(high, own[1])]
+    element.actfrclimited, element.actfrcrange = mujoco.mjtLimited.mjLIMITED_FALSE, np.zeros(2)
 
 
 def find_actuators(spec: mujoco.MjSpec, joint: str | None) -> Iterable[mujoco.MjsActuator]:

@@ -100,9 +100,10 @@ def read_intervals(path: Path, effects: Sequence[Effect]) -> Intervals:
     if not report.is_file():
         return {}
     try:
+        content = json.loads(report.read_text(encoding="utf-8"))
         entries = [
             entry
-            for entry in json.loads(report.read_text(encoding="utf-8"))["effects"]
+            for entry in (content["effects"] if isinstance(content, dict) else content)
             if any(isinstance(number, dict) for number in entry["parameters"].values())  # else without intervals
         ]
         known = {
