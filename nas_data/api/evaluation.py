@@ -1,7 +1,7 @@
 """Evaluation of φ, ψ and model files against baselines that need no learning."""
 
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -41,7 +41,7 @@ def evaluate(
     *,
     model: str | Path | None = None,
     engine: str | None = None,
-    episodes: Sequence[int] = (),
+    episodes: Iterable[int] | None = None,
     plain_fit: bool = True,
     actuators: Actuators = "position",
     progress: Progress | None = None,
@@ -58,7 +58,7 @@ def evaluate(
         model: Source. If None, the one stored with φ, ψ or the dataset; an evaluated model file is then its own source.
             Else an evaluated model file is listed as `model`.
         engine: `mujoco` or `bullet`; None for the source's own.
-        episodes: Only these episodes; all by default.
+        episodes: Only these episodes, each once; None for all.
         plain_fit: Whether to make the plain fit; it takes seconds to minutes.
         actuators: Actuators for a URDF.
         progress: Called with progress messages.
@@ -71,6 +71,7 @@ def evaluate(
         JointMismatch: dataset, source and model do not fit together.
         CheckpointError: the checkpoint cannot be used.
         ModelFileError: φ has no source, or the model file cannot be used.
+        OptionError: no episodes are given, or one twice.
     """
     say = progress or silence
     alone = is_model(learned)

@@ -20,7 +20,7 @@ from nas_data.api.learned_model import LearnedModel
 from nas_data.count_of import count_of
 from nas_data.dataset import versions
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.origin import find_identity, kept_folders
+from nas_data.dataset.origin import describe_identity, kept_folders
 from nas_data.errors import DatasetInvalid, ModelFileError
 from nas_data.models.checkpoint import KINDS
 from nas_data.models.evaluation import evaluate as evaluate_predictors
@@ -48,7 +48,6 @@ class TrainingRequest:
         actuators: Actuators for a URDF.
         out: Folder of the training; None for a temporary one.
         device: torch device.
-        episodes: Numbers of the dataset's episodes in the recording, for provenance; empty for all.
         progress: Called with a message per validation.
         count: Called with the control steps done and in total in the last rollouts; None for `progress`.
     """
@@ -60,7 +59,6 @@ class TrainingRequest:
     actuators: Actuators = "position"
     out: str | Path | None = None
     device: str | None = None
-    episodes: Sequence[int] = ()
     progress: Progress = silence
     count: Count | None = None
 
@@ -160,12 +158,9 @@ def train(dataset: Dataset, request: TrainingRequest) -> LearnedModel:
     kind, folder, say = request.kind, Path(request.out), request.progress
     if kind == "delta":
         check_paired(dataset)
-    origin, seen = dataset.origin, find_identity(dataset)
+    origin = dataset.origin
     notes = [f"derived {key}: {how}" for key, how in (origin.derived if origin else {}).items()]
-    provenance: dict[str, object] = {
-        "dataset": {"name": seen.name, "content_hash": seen.content_hash, "episodes": list(request.episodes)},
-        KINDS: list(dataset.kinds),
-    }
+    provenance: dict[str, object] = {"dataset": describe_identity(dataset), KINDS: list(dataset.kinds)}
     given = as_optional_model(request.model, request.actuators)
     with kept_folders(dataset) as kept_in:
         simulator, kept = find_training_source(kind, dataset, given, request.engine, kept_in, notes)

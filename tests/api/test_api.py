@@ -23,7 +23,7 @@ from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.verify import verify
 from nas_data.effects.base import Effect, Parameter, parse
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
-from nas_data.errors import DatasetInvalid, JointMismatch, MissingPackage, OptionError, UnknownName
+from nas_data.errors import DatasetInvalid, JointMismatch, MissingPackage, OptionError, OutputExists, UnknownName
 from nas_data.models.presets import TrainingOptions, preset
 from nas_data.policies.policy import Hyperparameters
 from nas_data.policies.policy import load_policy as read_policy
@@ -499,6 +499,57 @@ def test_progress_is_told(ds):
     small = TrainingOptions(hidden=8, layers=1, frames=200)
     nas.train_forward(ds, preset=small, updates=1, seed=1, progress=lines.append)
     assert any("validation" in line for line in lines)
+
+
+def test_a_training_goes_on_with_the_episodes_that_it_began_with_only(ds, tmp_path):
+    folder, small = ds.save(tmp_path / "arm"), TrainingOptions(hidden=8, layers=1, frames=200, updates=2)
+
+    def interrupt(line: str) -> None:
+        if "validation " in line and " s" in line:
+            raise KeyboardInterrupt
+
+    def train_on(episodes, progress=None):
+        part = nas.Dataset.load(folder, episodes)
+        return nas.train_forward(part, preset=small, out=tmp_path / "psi", progress=progress)
+
+    with pytest.raises(KeyboardInterrupt):
+        train_on([2, 3], interrupt)
+    with pytest.raises(OutputExists, match="unfinished training with other options, data"):
+        train_on([0, 1])
+    seen = train_on([2, 3]).network.provenance["dataset"]
+    assert (seen["content_hash"], seen["episodes"]) == (hash_content(ds), [2, 3])
+
+
+def test_numpy_selects_episodes_as_a_list_does(ds, tmp_path):
+    folder = ds.save(tmp_path / "arm")
+    loaded = nas.Dataset.load(folder, np.array([3, 1]))
+    assert hash_content(loaded) == hash_content(ds.select(np.array([3, 1]))) == hash_content(ds.select([3, 1]))
+    result = nas.evaluate("pendulum", ds, episodes=np.arange(2), plain_fit=False)
+    assert result.open_loop["source"].lengths.tolist() == [70, 70]
+
+
+@pytest.mark.parametrize(
+    ("episodes", "words"),
+    [
+        ([], "No episodes are given"),
+        ([0.0], "give their numbers"),
+        (1, "give their numbers"),
+        ([1, 0, 1], "1 is given twice"),
+    ],
+)
+def test_episodes_that_are_none_or_no_numbers_are_refused_in_a_sentence(ds, tmp_path, episodes, words):
+    folder = ds.save(tmp_path / "arm")
+    with pytest.raises(OptionError, match=words):
+        nas.Dataset.load(folder, episodes)
+    for dataset in (ds, folder):
+        with pytest.raises(OptionError, match=words):
+            nas.evaluate("pendulum", dataset, episodes=episodes, plain_fit=False)
+
+
+@pytest.mark.parametrize("episodes", [[], range(0), [0.0], 1, ["0"]])
+def test_a_selection_of_nothing_is_refused_in_a_sentence(ds, episodes):
+    with pytest.raises(OptionError, match="give their numbers"):
+        ds.select(episodes)
 
 
 # --- environments and policies
