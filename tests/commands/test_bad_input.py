@@ -101,6 +101,7 @@ BAD = {
     "train: no such preset": (("train", "forward", "RAW", "--preset", "nas2018"), "paper"),
     "train: ψ of torques": (("train", "forward", "RAW", "--preset", "symmetric"), "ψ corrects nothing"),
     "train: torques of a servo": (("train", "delta", "PAIRED", "--preset", "symmetric"), "does not take torques"),
+    "train: stiction of ψ": (("train", "forward", "RAW", "--preset", "stiction"), "not for ψ; use the preset fast"),
     "train: no such device": (("train", "forward", "RAW", "--device", "abacus"), "abacus"),
     "train: no such episode": (("train", "forward", "RAW", "--episodes", "99"), "99"),
     "train: an episode twice": (("train", "forward", "RAW", "--episodes", "0", "0"), "Episode 0 is given twice"),
