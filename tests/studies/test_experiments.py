@@ -396,6 +396,15 @@ def test_figure6_refuses_methods_that_learn_from_no_recording(tmp_path):
         run_experiment("figure6", tiny(tmp_path, "Pusher", methods=("nas", "expert")))
 
 
+@pytest.mark.parametrize("environment", ["ErgoReacher", "Striker"])
+def test_figure6_refuses_a_preset_of_other_arms_before_any_work(tmp_path, environment):
+    request = tiny(tmp_path, environment, methods=("nas", "nas_symmetric"))
+    for act in (run_experiment, list_experiment_jobs):
+        with pytest.raises(OptionError, match=rf"nas_symmetric needs.*{environment}; use the method nas_few"):
+            act("figure6", request)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
     ("medians", "enough"),
     [((-100, -68, -67), 25), ((-100, -90, -67), 50), ((10, 10, 10), 10), ((9.4, 9.6, 10.0), 25), ((-1, -2, -3), 10)],
