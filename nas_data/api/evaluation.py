@@ -88,7 +88,7 @@ def evaluate(
         if simulator is not None and given is not None:
             warn_of_ranges(recorded, find_robot(given))
             warn_of_overlaps(recorded, simulator)
-        others, notes = ({}, ()) if not plain_fit or source is None else fit_plain(model_to_test, recorded, source, say)
+        others, notes = fit_plain(model_to_test, recorded, source, say) if plain_fit else ({}, ())
         if corrected is not None and corrected != given:
             tested = locate_source(corrected, (), (), engine).with_registers(known)
             others = {**others, MODEL: tested.simulator(recorded)}
@@ -152,11 +152,13 @@ def find_evaluation_source(
 
 
 def fit_plain(
-    learned: LearnedModel | None, dataset: Dataset, source: SourceModel, say: Progress
+    learned: LearnedModel | None, dataset: Dataset, source: SourceModel | None, say: Progress
 ) -> tuple[Mapping[str, Simulator], tuple[str, ...]]:
     """Return the plain fit of a source by name, and the data that it was fitted to; empty if it fails."""
     from nas_data.gap.plain_source import fit_plain_source
 
+    if source is None:
+        return {}, (f'no {PLAIN}: it needs the model that it fits; give model="MODEL.xml"',)
     if source.effects or source.engine != MUJOCO:
         return {}, (f"no {PLAIN}: it needs a plain MuJoCo model as the source",)
     trained_on = learned.trained_on if learned else None

@@ -471,7 +471,10 @@ def test_models_say_how_they_were_trained_and_are_saved(page, ds, arm):
     given = {"model": arm, "plain_fit": False}
     first, second = (nas.evaluate(one, ds, **given) for one in (phi, again))
     assert first.to_json() == second.to_json()
-    assert set(nas.evaluate(psi, ds, plain_fit=False).open_loop) == {"ψ", "hold", "command"}
+    for plain_fit in (False, True):
+        without = nas.evaluate(psi, ds, plain_fit=plain_fit)
+        assert set(without.open_loop) == {"ψ", "hold", "command"}
+        assert ("no plain fit: it needs the model that it fits" in str(without)) == plain_fit
 
 
 def test_a_corrected_model_stands_beside_the_one_that_it_came_from(page, ds, arm):

@@ -561,6 +561,16 @@ def test_unknown_experiments_and_methods_list_the_choices(tmp_path):
         run_experiment("figure6", tiny(tmp_path, "Pusher", "ErgoReacher"))
 
 
+def test_what_is_named_twice_is_done_once(tmp_path):
+    request = tiny(tmp_path, "Pusher", methods=("source", "source", "expert"))
+    listed = [job.name for job in list_experiment_jobs("figure5", request)]
+    assert len(listed) == len(set(listed)) == 2 * len(TINY.seeds)
+    requests = (tiny(tmp_path, "Pusher", counts=counts) for counts in ((3, 2, 3), (2, 3), (4, 2)))
+    stems = [format_stem("figure6", request) for request in requests]
+    whole = "figure6-Pusher-backlash-tiny"
+    assert stems == [f"{whole}-counts-2-3", f"{whole}-counts-2-3", whole]
+
+
 def test_methods_take_only_the_material_that_they_need():
     assert list_needed_stages(("expert", "source", "randomised")) == set()
     assert list_needed_stages(("nas",)) == {"phi"}
