@@ -45,9 +45,9 @@ def find_name(dataset: Dataset) -> Path:
 
 
 def find_folder(dataset: Dataset) -> Path | None:
-    """Return the folder of a dataset; None if it only exists in memory or was changed since."""
+    """Return the folder of a dataset; None if it only exists in memory, was changed since, or is a part of it."""
     origin = dataset.origin
-    return origin.root if origin is not None and is_unchanged(dataset, origin) else None
+    return origin.root if origin is not None and not dataset.numbers and is_unchanged(dataset, origin) else None
 
 
 def as_model(model: str | Path, actuators: Actuators = "position") -> str:

@@ -13,14 +13,13 @@ from nas_data.api.arguments import (
     as_dataset,
     as_optional_model,
     count_aloud,
-    find_folder,
     find_name,
 )
 from nas_data.api.learned_model import LearnedModel
 from nas_data.count_of import count_of
 from nas_data.dataset import versions
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.origin import describe_identity, kept_folders
+from nas_data.dataset.origin import describe_identity, is_unchanged, kept_folders
 from nas_data.errors import DatasetInvalid, ModelFileError
 from nas_data.models.checkpoint import KINDS
 from nas_data.models.evaluation import evaluate as evaluate_predictors
@@ -194,9 +193,9 @@ def check_paired(dataset: Dataset) -> None:
     Raises:
         DatasetInvalid: it is not paired; the message names the command.
     """
-    folder = find_folder(dataset)
-    if folder is not None:
-        versions.check_paired(folder, dataset, "A delta model")
+    origin = dataset.origin
+    if origin is not None and origin.root is not None and is_unchanged(dataset, origin):
+        versions.check_paired(origin.root, dataset, "A delta model")
     if not dataset.paired:
         raise DatasetInvalid(
             "A delta model learns from the source's predictions, which the dataset does not hold: "

@@ -136,7 +136,8 @@ def describe(dataset: Dataset) -> tuple[Provenance, Mapping[str, bytes]]:
     """Return provenance and extra files of a dataset to be written."""
     origin = with_origin(dataset).origin
     assert origin is not None
-    if not is_unchanged(dataset, origin):
+    is_part = origin.root is not None and bool(dataset.numbers)
+    if is_part or not is_unchanged(dataset, origin):
         provenance = origin.provenance
         notes = "\n".join(filter(None, [provenance.notes, EDITED]))
         edited = {

@@ -18,6 +18,7 @@ from support.recording_samples import pendulum, wander
 from support.report_samples import gap_report
 
 import nas_data as nas
+from nas_data.api.arguments import find_folder
 from nas_data.dataset.content import hash_content
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.verify import verify
@@ -256,7 +257,11 @@ def test_saving_makes_versions_that_name_their_parents(ds, paired, arm, tmp_path
     third = nas.Dataset.load(second).select([0, 2]).save(tmp_path / "arm")
     provenance = read_provenance(third)
     assert (provenance.how, provenance.parents[0].name) == ("edited", f"arm/{second.name}")
-    assert [verify(root) for root in (first, second, third)] == [[], [], []]
+    assert nas.Dataset.load(second, [0, 2]).save(tmp_path / "arm") == third
+    fourth = nas.Dataset.load(second, [1, 3]).save(tmp_path / "arm")
+    provenance = read_provenance(fourth)
+    assert (provenance.how, provenance.parents[0].name) == ("edited", f"arm/{second.name}")
+    assert [verify(root) for root in (first, second, third, fourth)] == [[], [], [], []]
 
 
 def test_lerobots_own_recording_is_read_with_what_it_lacks_derived(ds, tmp_path):
@@ -521,6 +526,14 @@ def test_a_training_goes_on_with_the_episodes_that_it_began_with_only(ds, tmp_pa
         train_on([0, 1])
     seen = train_on([2, 3]).network.provenance["dataset"]
     assert (seen["content_hash"], seen["episodes"]) == (hash_content(ds), [2, 3])
+
+
+def test_a_part_of_a_folder_is_not_taken_for_the_folder(ds, tmp_path):
+    folder = ds.save(tmp_path / "arm")
+    assert find_folder(nas.Dataset.load(folder)) == folder
+    assert find_folder(nas.Dataset.load(folder, [0, 1])) is None, "a gap report would name another recording"
+    with pytest.raises(DatasetInvalid, match=r"nas pair .*arm/v1-"):
+        nas.train_delta(nas.Dataset.load(folder, [0, 1]))
 
 
 def test_numpy_selects_episodes_as_a_list_does(ds, tmp_path):
