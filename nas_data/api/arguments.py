@@ -1,7 +1,7 @@
 """Common arguments of the API: a dataset or its folder, a model with its actuators, progress."""
 
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -23,20 +23,19 @@ def count_aloud(progress: Progress) -> Count:
     return lambda done, total: progress(f"rolling out {done}/{total}")
 
 
-def as_dataset(dataset: Dataset | str | Path, episodes: Sequence[int] = ()) -> Dataset:
+def as_dataset(dataset: Dataset | str | Path, episodes: Iterable[int] | None = None) -> Dataset:
     """Return a dataset as transitions; a folder is read.
 
     Args:
         dataset: In memory, or its folder.
-        episodes: Only these episodes; all by default.
+        episodes: Only these episodes, each once; None for all.
 
     Raises:
         NasError: it cannot be used.
     """
     if not isinstance(dataset, Dataset):
         return load(Path(dataset), episodes)
-    complete = with_origin(dataset)
-    return complete.select(episodes) if episodes else complete
+    return with_origin(dataset).select_each_once(episodes)
 
 
 def find_name(dataset: Dataset) -> Path:
@@ -46,9 +45,9 @@ def find_name(dataset: Dataset) -> Path:
 
 
 def find_folder(dataset: Dataset) -> Path | None:
-    """Return the folder of a dataset; None if it only exists in memory or was changed since."""
+    """Return the folder of a dataset; None if it only exists in memory, was changed since, or is a part of it."""
     origin = dataset.origin
-    return origin.root if origin is not None and is_unchanged(dataset, origin) else None
+    return origin.root if origin is not None and not dataset.numbers and is_unchanged(dataset, origin) else None
 
 
 def as_model(model: str | Path, actuators: Actuators = "position") -> str:

@@ -1,7 +1,7 @@
 """Evaluation of φ, ψ and model files against baselines that need no learning."""
 
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -41,7 +41,7 @@ def evaluate(
     *,
     model: str | Path | None = None,
     engine: str | None = None,
-    episodes: Sequence[int] = (),
+    episodes: Iterable[int] | None = None,
     plain_fit: bool = True,
     actuators: Actuators = "position",
     progress: Progress | None = None,
@@ -58,7 +58,7 @@ def evaluate(
         model: Source. If None, the one stored with φ, ψ or the dataset; an evaluated model file is then its own source.
             Else an evaluated model file is listed as `model`.
         engine: `mujoco` or `bullet`; None for the source's own.
-        episodes: Only these episodes; all by default.
+        episodes: Only these episodes, each once; None for all.
         plain_fit: Whether to make the plain fit; it takes seconds to minutes.
         actuators: Actuators for a URDF.
         progress: Called with progress messages.
@@ -71,6 +71,7 @@ def evaluate(
         JointMismatch: dataset, source and model do not fit together.
         CheckpointError: the checkpoint cannot be used.
         ModelFileError: φ has no source, or the model file cannot be used.
+        OptionError: no episodes are given, or one twice.
     """
     say = progress or silence
     alone = is_model(learned)
@@ -87,7 +88,7 @@ def evaluate(
         if simulator is not None and given is not None:
             warn_of_ranges(recorded, find_robot(given))
             warn_of_overlaps(recorded, simulator)
-        others, notes = ({}, ()) if not plain_fit or source is None else fit_plain(model_to_test, recorded, source, say)
+        others, notes = fit_plain(model_to_test, recorded, source, say) if plain_fit else ({}, ())
         if corrected is not None and corrected != given:
             tested = locate_source(corrected, (), (), engine).with_registers(known)
             others = {**others, MODEL: tested.simulator(recorded)}
@@ -151,11 +152,13 @@ def find_evaluation_source(
 
 
 def fit_plain(
-    learned: LearnedModel | None, dataset: Dataset, source: SourceModel, say: Progress
+    learned: LearnedModel | None, dataset: Dataset, source: SourceModel | None, say: Progress
 ) -> tuple[Mapping[str, Simulator], tuple[str, ...]]:
     """Return the plain fit of a source by name, and the data that it was fitted to; empty if it fails."""
     from nas_data.gap.plain_source import fit_plain_source
 
+    if source is None:
+        return {}, (f'no {PLAIN}: it needs the model that it fits; give model="MODEL.xml"',)
     if source.effects or source.engine != MUJOCO:
         return {}, (f"no {PLAIN}: it needs a plain MuJoCo model as the source",)
     trained_on = learned.trained_on if learned else None

@@ -13,14 +13,13 @@ from nas_data.api.arguments import (
     as_dataset,
     as_optional_model,
     count_aloud,
-    find_folder,
     find_name,
 )
 from nas_data.api.learned_model import LearnedModel
 from nas_data.count_of import count_of
 from nas_data.dataset import versions
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.origin import find_identity, kept_folders
+from nas_data.dataset.origin import describe_identity, is_unchanged, kept_folders
 from nas_data.errors import DatasetInvalid, ModelFileError
 from nas_data.models.checkpoint import KINDS
 from nas_data.models.evaluation import evaluate as evaluate_predictors
@@ -48,7 +47,6 @@ class TrainingRequest:
         actuators: Actuators for a URDF.
         out: Folder of the training; None for a temporary one.
         device: torch device.
-        episodes: Numbers of the dataset's episodes in the recording, for provenance; empty for all.
         progress: Called with a message per validation.
         count: Called with the control steps done and in total in the last rollouts; None for `progress`.
     """
@@ -60,7 +58,6 @@ class TrainingRequest:
     actuators: Actuators = "position"
     out: str | Path | None = None
     device: str | None = None
-    episodes: Sequence[int] = ()
     progress: Progress = silence
     count: Count | None = None
 
@@ -160,12 +157,9 @@ def train(dataset: Dataset, request: TrainingRequest) -> LearnedModel:
     kind, folder, say = request.kind, Path(request.out), request.progress
     if kind == "delta":
         check_paired(dataset)
-    origin, seen = dataset.origin, find_identity(dataset)
+    origin = dataset.origin
     notes = [f"derived {key}: {how}" for key, how in (origin.derived if origin else {}).items()]
-    provenance: dict[str, object] = {
-        "dataset": {"name": seen.name, "content_hash": seen.content_hash, "episodes": list(request.episodes)},
-        KINDS: list(dataset.kinds),
-    }
+    provenance: dict[str, object] = {"dataset": describe_identity(dataset), KINDS: list(dataset.kinds)}
     given = as_optional_model(request.model, request.actuators)
     with kept_folders(dataset) as kept_in:
         simulator, kept = find_training_source(kind, dataset, given, request.engine, kept_in, notes)
@@ -199,9 +193,9 @@ def check_paired(dataset: Dataset) -> None:
     Raises:
         DatasetInvalid: it is not paired; the message names the command.
     """
-    folder = find_folder(dataset)
-    if folder is not None:
-        versions.check_paired(folder, dataset, "A delta model")
+    origin = dataset.origin
+    if origin is not None and origin.root is not None and is_unchanged(dataset, origin):
+        versions.check_paired(origin.root, dataset, "A delta model")
     if not dataset.paired:
         raise DatasetInvalid(
             "A delta model learns from the source's predictions, which the dataset does not hold: "

@@ -16,7 +16,7 @@ from nas_data.errors import ArmError, OptionError
 from nas_data.hardware.virtual_bus.process import VIRTUAL, port_of
 from nas_data.hardware.xl320.arm import Configuration, Xl320
 from nas_data.hardware.xl320.joints import Joints, find_joints, make_ergojr_joints
-from nas_data.policies.evaluate import SEED, Returns, format_policy_table
+from nas_data.policies.evaluate import SEED, Returns, format_policy_table, warn_of_unequal_training
 from nas_data.policies.policy import find_policies, load_policy
 from nas_data.policies.rollouts.arm_setup import SIMULATED, ArmSetup, make_path_planner
 from nas_data.policies.rollouts.recorded import Recorder, Saved, saved_as
@@ -194,6 +194,7 @@ class OnArm:
         self, plan: EvaluationPlan, environment: str, scores: list[Returns], tally: RolloutTally, path: Path | None
     ) -> CommandResult:
         groups = plan.groups(scores)
+        warn_of_unequal_training(groups)
         lines = [
             f"{environment} on {self.port}, {count_of(self.options.episodes, 'episode')} per policy, "
             "deterministic actions:"

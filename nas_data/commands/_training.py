@@ -59,7 +59,7 @@ class Train(TakesModel):
 
         root = versions.resolve(self.dataset)
         begin(f"reading {root}")
-        dataset = Dataset.load(root, self.episodes)
+        dataset = Dataset.load(root, self.episodes or None)
         name = versions.find_dataset_name(root).split("/")[0]
         folder = self.out or Path("runs") / f"{self.kind}-{name}-seed{self.seed}"
         options = preset(
@@ -79,7 +79,6 @@ class Train(TakesModel):
             actuators=self.actuators,
             out=folder,
             device=self.device,
-            episodes=self.episodes,
             progress=say,
             count=Counting("rolling out held-out episodes"),
         )

@@ -44,7 +44,7 @@ class Evaluate(TakesModel):
         learned = None if is_model(self.checkpoint) else as_learned(self.checkpoint)
         root = versions.resolve(self.dataset)
         begin(f"reading {root}")
-        dataset = Dataset.load(root, self.episodes)
+        dataset = Dataset.load(root, self.episodes or None)
         evaluation = evaluate(
             learned or self.checkpoint,
             dataset,

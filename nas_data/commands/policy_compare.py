@@ -53,6 +53,8 @@ class PolicyCompare(LongCommand):
         from nas_data.atomic_file import write_atomic
         from nas_data.envs.base import find_task
         from nas_data.envs.loop.dynamics_spec import DynamicsSpec
+        from nas_data.models.augmented import require_kind
+        from nas_data.models.checkpoint import find_checkpoint, load_for_inference
         from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare, list_runs
         from nas_data.policies.dry_run import plan_runs
         from nas_data.typed_json import make_finite
@@ -66,6 +68,9 @@ class PolicyCompare(LongCommand):
             raise OptionError(
                 "--delta-named corrects a source with named effects; give these effects as well: --effects DIR."
             )
+        for kind, checkpoint in (("delta", self.delta), ("forward", self.forward), ("delta", self.delta_named)):
+            if checkpoint is not None:
+                require_kind(load_for_inference(find_checkpoint(checkpoint)), kind)
         target = DynamicsSpec(self.env, self.dynamics, engine=self.engine)
         source = DynamicsSpec(self.env, find_task(self.env).find_source(self.dynamics))
         methods = {EXPERT_METHOD: target, SOURCE_METHOD: source}

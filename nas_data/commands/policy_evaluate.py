@@ -109,7 +109,12 @@ class PolicyEvaluate(Command):
     def _evaluate_in_simulation(self) -> CommandResult:
         from nas_data.envs.base import find_task
         from nas_data.envs.loop.dynamics_spec import DynamicsSpec
-        from nas_data.policies.evaluate import format_policy_table, score_baselines, score_group
+        from nas_data.policies.evaluate import (
+            format_policy_table,
+            score_baselines,
+            score_group,
+            warn_of_unequal_training,
+        )
         from nas_data.policies.policy import find_policies, load_policy
 
         first = load_policy(find_policies(self.policies[0])[0])
@@ -119,6 +124,7 @@ class PolicyEvaluate(Command):
         plant = DynamicsSpec(first.environment, dynamics, effects=effects, engine=self.engine, missed=self.missed)
         stepper = plant.stepper(self.episodes)
         groups = [score_group(path, plant, self.episodes, stepper) for path in self.policies]
+        warn_of_unequal_training(groups)
         baselines = score_baselines(plant, self.episodes, stepper)
         named = f" and the effects of {effects}" if effects else ""
         head = f"{plant.environment} with dynamics '{plant.dynamics}'{named}"

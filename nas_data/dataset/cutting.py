@@ -60,7 +60,7 @@ def cut_at(dataset: Dataset, frames: Sequence[int]) -> Dataset:
     starts = np.union1d(dataset.starts, np.asarray(frames, np.int64)).astype(np.int64)
     cut = replace(dataset, lengths=np.diff(np.append(starts, dataset.n_frames)))
     episodes = find_original_episodes(dataset, cut)
-    cut = replace(cut, tasks=tuple(dataset.tasks[episode] for episode in episodes))
+    cut = replace(cut, tasks=tuple(dataset.tasks[episode] for episode in episodes), numbers=())
     if TIME not in dataset.columns:
         return cut
     time = dataset.columns[TIME]

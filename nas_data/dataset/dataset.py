@@ -1,6 +1,7 @@
 """A dataset in memory: one array per feature over all frames, divided into episodes."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+import operator
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +13,7 @@ from nas_data.arrays import Array
 from nas_data.count_of import count_of
 from nas_data.dataset.features import ACTION, EFFORT, NEXT_STATE, POSITION, SIM_STATE, STATE, VELOCITY, Feature
 from nas_data.dataset.passthrough import PassthroughFeatures
-from nas_data.errors import DatasetInvalid, JointMismatch
+from nas_data.errors import DatasetInvalid, JointMismatch, OptionError
 from nas_data.joint_units import SLIDE
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ class Dataset:
         passthrough: Pass-through features such as cameras, texts and matrices; None if there are none.
         origin: Origin of the dataset; None if unknown.
         frame_tasks: Task of each frame, shape (N,), from which `tasks` follow; None if each episode has a single one.
+        numbers: Number of each episode in the recording that it was selected from; empty if nothing was selected.
     """
 
     features: Mapping[str, Feature]
@@ -58,6 +60,7 @@ class Dataset:
     passthrough: PassthroughFeatures | None = None
     origin: "Origin | None" = field(default=None, compare=False)
     frame_tasks: Array | None = None
+    numbers: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         total = int(self.lengths.sum())
@@ -87,7 +90,7 @@ class Dataset:
         return f"Dataset({self.robot_type}: {sizes}{joints}{'; paired' if self.paired else ''})"
 
     @classmethod
-    def load(cls, path: str | Path, episodes: Sequence[int] = ()) -> "Dataset":
+    def load(cls, path: str | Path, episodes: Iterable[int] | None = None) -> "Dataset":
         """Read a dataset of any recorder as transitions in SI units.
 
         Velocities and next states that LeRobot's recordings lack are derived. Recordings by other tools are audited;
@@ -95,10 +98,11 @@ class Dataset:
 
         Args:
             path: A version's folder, or `datasets/NAME` for the newest version.
-            episodes: Only these episodes, by number; all by default.
+            episodes: Only these episodes, by number, each once; None for all.
 
         Raises:
             DatasetNotFound: there is no dataset.
+            OptionError: no episodes are given, or one twice.
             DatasetInvalid: it is damaged, or not in SI units; names the command that imports it.
             JointMismatch: state and action name different joints.
         """
@@ -199,6 +203,11 @@ class Dataset:
         return np.concatenate([[0], np.cumsum(self.lengths)[:-1]]).astype(np.int64)
 
     @property
+    def episode_numbers(self) -> tuple[int, ...]:
+        """Number of each episode for messages: that in the recording from which it was selected."""
+        return self.numbers or tuple(range(self.n_episodes))
+
+    @property
     def episode_tasks(self) -> list[list[str]]:
         """Tasks of each episode in the order in which they appear; one where an episode has a single task."""
         if self.frame_tasks is None:
@@ -282,14 +291,36 @@ class Dataset:
         """Iterate over the frames of each episode."""
         return (self.episode(index) for index in range(self.n_episodes))
 
-    def select(self, episodes: Sequence[int]) -> "Dataset":
-        """Return a dataset of the given episodes, in the given order."""
-        beyond = [index for index in episodes if not 0 <= index < self.n_episodes]
+    def select(self, episodes: Iterable[int]) -> "Dataset":
+        """Return a dataset of the given episodes, in the given order; an episode may be given more than once.
+
+        Raises:
+            OptionError: no episodes are given.
+            DatasetInvalid: there is no such episode.
+        """
+        chosen = read_episode_numbers(episodes)
+        beyond = [index for index in chosen if not 0 <= index < self.n_episodes]
         if beyond:
             raise DatasetInvalid(f"There is no episode {beyond[0]}; the dataset has 0 to {self.n_episodes - 1}.")
-        rows = np.concatenate([np.arange(self.n_frames)[self.episode(index)] for index in episodes])
-        taken = self.take(rows, self.lengths[list(episodes)], tuple(self.tasks[index] for index in episodes))
-        return replace(taken, origin=self.origin and self.origin.select(episodes))
+        rows = np.concatenate([np.arange(self.n_frames)[self.episode(index)] for index in chosen])
+        taken = self.take(rows, self.lengths[chosen], tuple(self.tasks[index] for index in chosen))
+        numbers = tuple(self.episode_numbers[index] for index in chosen)
+        return replace(taken, numbers=numbers, origin=self.origin and self.origin.select(chosen))
+
+    def select_each_once(self, episodes: Iterable[int] | None) -> "Dataset":
+        """Return a dataset of the given episodes; all for None.
+
+        Raises:
+            OptionError: no episodes are given, or one twice.
+            DatasetInvalid: there is no such episode.
+        """
+        if episodes is None:
+            return self
+        chosen = read_episode_numbers(episodes)
+        repeated = [episode for place, episode in enumerate(chosen) if episode in chosen[:place]]
+        if repeated:
+            raise OptionError(f"Episode {repeated[0]} is given twice; give each episode once.")
+        return self.select(chosen)
 
     def take(self, rows: Array, lengths: Array, tasks: Sequence[str]) -> "Dataset":
         """Return a dataset of the given frames.
@@ -304,6 +335,7 @@ class Dataset:
             columns={key: column[rows] for key, column in self.columns.items()},
             lengths=lengths,
             tasks=tuple(tasks),
+            numbers=(),
             passthrough=self.passthrough and self.passthrough.take(rows),
             frame_tasks=None if self.frame_tasks is None else self.frame_tasks[rows],
         )
@@ -329,3 +361,18 @@ class Dataset:
     def _column(self, key: str) -> Array:
         self._find_feature(key)
         return self.columns[key]
+
+
+def read_episode_numbers(episodes: Iterable[int]) -> list[int]:
+    """Return the numbers of episodes as a list; NumPy's integers are numbers, too.
+
+    Raises:
+        OptionError: there are none, or they are no whole numbers.
+    """
+    try:
+        chosen = [operator.index(episode) for episode in episodes]
+    except TypeError:
+        raise OptionError(f"The episodes are {episodes!r}; give their numbers, such as [0, 2].") from None
+    if not chosen:
+        raise OptionError("No episodes are given; give their numbers, such as [0, 2].")
+    return chosen

@@ -61,7 +61,8 @@ def audit_external(root: Path, recorded: Dataset) -> tuple[Dataset, dict[str, st
 def report_single_frames(dataset: Dataset) -> list[AuditFinding]:
     """Return findings on the episodes of one frame, which are left out of the transitions."""
     what = "there is a single frame, which makes no transition: it is left out, and later episodes are renumbered"
-    return [AuditFinding("too_short", f"episode {episode}", what) for episode in list_single_frames(dataset)]
+    numbers = dataset.episode_numbers
+    return [AuditFinding("too_short", f"episode {numbers[place]}", what) for place in list_single_frames(dataset)]
 
 
 def is_ours(provenance: Provenance | None) -> bool:

@@ -1,6 +1,6 @@
 """Datasets in memory with their origin: loading, saving, conversion to a table."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -72,11 +72,12 @@ class Origin:
         return (versions.make_parent(self.root, self.recorded),)
 
 
-def load(path: Path, episodes: Sequence[int] = ()) -> Dataset:
+def load(path: Path, episodes: Iterable[int] | None = None) -> Dataset:
     """Read a dataset; see `Dataset.load`."""
     root = versions.resolve(path)
     recorded = read(root)
-    dataset, derived, noticed = audit_external(root, recorded.select(episodes) if episodes else recorded)
+    part = recorded.select_each_once(episodes)
+    dataset, derived, noticed = audit_external(root, part)
     original = Original(root, recorded, read_provenance(root))
     kept, before = original.attachments, original.provenance or make_unknown_provenance(recorded)
     notes = [before.notes]
@@ -85,8 +86,8 @@ def load(path: Path, episodes: Sequence[int] = ()) -> Dataset:
         notes.append(describe_change(original.parent.name))
     warn(noticed)
     provenance = replace(before, derived={**before.derived, **derived}, notes="\n".join(filter(None, notes)))
-    if episodes:
-        provenance = replace(provenance, target=select_episodes(provenance.target, episodes, recorded.n_episodes))
+    if part.numbers:
+        provenance = replace(provenance, target=select_episodes(provenance.target, part.numbers, recorded.n_episodes))
     return replace(dataset, origin=Origin(dataset, provenance, derived, root, recorded, kept, noticed))
 
 
@@ -109,13 +110,19 @@ def with_origin(dataset: Dataset) -> Dataset:
     return replace(complete, origin=Origin(complete, provenance, derived))
 
 
-def find_identity(dataset: Dataset) -> Parent:
-    """Return the name and content hash by which checkpoints and derived datasets refer to it."""
+def describe_identity(dataset: Dataset) -> dict[str, object]:
+    """Return the name, content hash and episodes by which checkpoints refer to a dataset.
+
+    Episodes that were loaded from a folder are told by the folder's hash and their numbers in it; no numbers stand for
+    all. Any other dataset is told by its own hash.
+    """
     origin = dataset.origin
     if origin is not None and origin.root is not None and is_unchanged(dataset, origin):
-        return origin.parents[0]
-    named = origin.parents[0].name if origin and origin.parents else dataset.robot_type
-    return Parent(named, hash_content(dataset))
+        told, numbers = origin.parents[0], dataset.numbers
+    else:
+        named = origin.parents[0].name if origin and origin.parents else dataset.robot_type
+        told, numbers = Parent(named, hash_content(dataset)), ()
+    return {"name": told.name, "content_hash": told.content_hash, "episodes": list(numbers)}
 
 
 def is_unchanged(dataset: Dataset, origin: Origin) -> bool:
@@ -129,7 +136,8 @@ def describe(dataset: Dataset) -> tuple[Provenance, Mapping[str, bytes]]:
     """Return provenance and extra files of a dataset to be written."""
     origin = with_origin(dataset).origin
     assert origin is not None
-    if not is_unchanged(dataset, origin):
+    is_part = origin.root is not None and bool(dataset.numbers)
+    if is_part or not is_unchanged(dataset, origin):
         provenance = origin.provenance
         notes = "\n".join(filter(None, [provenance.notes, EDITED]))
         edited = {

@@ -8,6 +8,7 @@ positions. One-step errors on such recordings are therefore too small; open-loop
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
+from itertools import compress
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -186,6 +187,7 @@ def _with_next(dataset: Dataset) -> Dataset:
     whole = dataset.lengths > 1
     tasks = [task for task, long in zip(dataset.tasks, whole, strict=True) if long]
     shorter = dataset.take(rows, dataset.lengths[whole] - 1, tasks)
+    shorter = replace(shorter, numbers=tuple(compress(dataset.numbers, whole)))
     moving = [key for key in (STATE, ENVIRONMENT) if key in dataset.columns and f"next.{key}" not in dataset.columns]
     for key in moving:
         shorter = shorter.with_column(f"next.{key}", dataset.features[key], dataset.columns[key][rows + 1])

@@ -45,10 +45,11 @@ class Evaluation:
         one_step: One-step errors from measured states, by predictor.
         open_loop: Open-loop errors from the first measured state of each episode, by predictor.
         rollouts: Open-loop states of each episode, shape (T, 2n), by predictor.
-        diverged: Time of divergence [s after the start] by episode, by predictor.
+        diverged: Time of divergence [s after the start] by place of the episode in `rollouts`, by predictor.
         notes: Further sentences on predictors.
         regimes: Open-loop errors of source and source + φ by regime of the motion; None without φ.
         holding: Drift in open loop while commands are constant; None without such holds.
+        numbers: Number of each episode in its recording, for text and JSON; empty for all of the recording.
     """
 
     one_step: dict[str, Errors]
@@ -58,6 +59,12 @@ class Evaluation:
     notes: tuple[str, ...] = ()
     regimes: RegimeErrors | None = None
     holding: HoldDrift | None = None
+    numbers: tuple[int, ...] = ()
+
+    @property
+    def episode_numbers(self) -> tuple[int, ...]:
+        """Number of each episode in its recording."""
+        return self.numbers or tuple(range(len(next(iter(self.open_loop.values())).lengths)))
 
     def __repr__(self) -> str:
         """Return the open-loop error of each predictor in one line."""
@@ -73,9 +80,7 @@ class Evaluation:
         """Return both tables, followed by divergences, notes and the tables of regimes and holds."""
         steps = format_error_table(self.one_step, "One step: RMSE of the next position")
         loop = format_error_table(self.open_loop, "Open loop: RMSE of positions, started once per episode")
-        divergences = [
-            describe_divergence(name, times, len(self.rollouts[name])) for name, times in self.diverged.items()
-        ]
+        divergences = [describe_divergence(name, times, self.episode_numbers) for name, times in self.diverged.items()]
         legend = [f"  {name}: {means}" for name, means in LEGEND.items() if name in self.open_loop]
         more = [f"\n{part.text()}" for part in (self.regimes, self.holding) if part]
         return "\n".join([f"{steps}\n\n{loop}", *legend, *divergences, *self.notes, *more])
@@ -86,7 +91,8 @@ class Evaluation:
         unit, *others = (unit for unit, _ in self.open_loop[names[0]].kinds)
         rows = list(zip(*(unit.factor * np.array(self.open_loop[name].per_episode) for name in names), strict=True))
         kind = f" of the {unit.kind}" if others else ""
-        cells = [[f"{i:7d}", *map(format_error, row)] for i, row in enumerate(rows[:EPISODES_SHOWN])]
+        numbered = list(zip(self.episode_numbers, rows, strict=True))
+        cells = [[f"{number:7d}", *map(format_error, row)] for number, row in numbered[:EPISODES_SHOWN]]
         lines = align_columns([["episode", *names], *cells], least=11)
         more = ["…"] if len(rows) > EPISODES_SHOWN else []
         return "\n  ".join([f"Open loop, each episode{kind} [{unit.shown}]", *lines, *more])
@@ -97,10 +103,11 @@ class Evaluation:
         return {
             "unit": one.unit.si,
             "units": {joint: find_joint_unit(joint, one.slides).si for joint in one.joints},
+            "episodes": list(self.episode_numbers),
             "one_step": {name: errors.to_json() for name, errors in self.one_step.items()},
             "open_loop": {name: errors.to_json() for name, errors in self.open_loop.items()},
             "diverged": {
-                name: [{"episode": episode, "after_s": seconds} for episode, seconds in times.items()]
+                name: [{"episode": self.episode_numbers[place], "after_s": seconds} for place, seconds in times.items()]
                 for name, times in self.diverged.items()
             },
             "regimes": self.regimes.to_json() if self.regimes else None,
@@ -108,13 +115,19 @@ class Evaluation:
         }
 
 
-def describe_divergence(name: str, times: Mapping[int, float], episodes: int) -> str:
-    """Return a sentence on the episodes in which a learned model diverges, and when."""
-    entries = [f"episode {episode} after {seconds:.2f} s" for episode, seconds in times.items()]
+def describe_divergence(name: str, times: Mapping[int, float], numbers: Sequence[int]) -> str:
+    """Return a sentence on the episodes in which a learned model diverges, and when.
+
+    Args:
+        name: Name of the model.
+        times: Time of divergence [s after the start] by place of the episode.
+        numbers: Number of each episode in its recording.
+    """
+    entries = [f"episode {numbers[place]} after {seconds:.2f} s" for place, seconds in times.items()]
     more = [f"and {len(entries) - DIVERGED_SHOWN} more"] if len(entries) > DIVERGED_SHOWN else []
     subject = "φ, not the source," if name == MODEL["delta"] else name
     return (
-        f"{name} diverges in {len(times)} of {count_of(episodes, 'episode')} "
+        f"{name} diverges in {len(times)} of {count_of(len(numbers), 'episode')} "
         f"({', '.join([*entries[:DIVERGED_SHOWN], *more])}): "
         f"{subject} leaves all bounds; train it longer or on more data."
     )
@@ -168,6 +181,7 @@ def evaluate(
         {name: times for name, predicted in rollouts.items() if (times := find_divergences(predicted, dataset.fps))},
         regimes=compare_regimes(dataset, rollouts),
         holding=measure_hold_drift(dataset, rollouts) if model is not None else None,
+        numbers=dataset.numbers,
     )
 
 

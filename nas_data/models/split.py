@@ -1,7 +1,7 @@
 """Split into training and validation data: by whole episodes, or at the end of each episode if there are few."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,9 +54,8 @@ def split_validation(dataset: Dataset, share: float, seed: int) -> ValidationSpl
         order = np.random.default_rng(seed).permutation(count)
         held_out = min(count - 1, max(1, round(share * count)))
         chosen, others = sorted(order[:held_out].tolist()), sorted(order[held_out:].tolist())
-        return ValidationSplit(
-            dataset.select(others), dataset.select(chosen), f"episodes {', '.join(map(str, chosen))}"
-        )
+        held = dataset.select(chosen)
+        return ValidationSplit(dataset.select(others), held, f"episodes {', '.join(map(str, held.numbers))}")
     held_frames = np.clip(np.round(share * dataset.lengths).astype(int), 1, np.maximum(1, dataset.lengths - 1))
     cuts = dataset.lengths - held_frames
     pieces = [(start, start + cut) for start, cut in zip(dataset.starts, cuts, strict=True) if cut > 0]
@@ -64,7 +63,8 @@ def split_validation(dataset: Dataset, share: float, seed: int) -> ValidationSpl
         raise DatasetInvalid("No episode has two transitions, one to train on and one to validate; record longer ones.")
     ends = list(zip(dataset.starts + cuts, dataset.starts + dataset.lengths, strict=True))
     description = f"the last {share:.0%} of each episode (fewer than {MIN_DRAWN_FROM} episodes)"
-    return ValidationSplit(select_frames(dataset, pieces), select_frames(dataset, ends), description)
+    held = replace(select_frames(dataset, ends), numbers=dataset.numbers)
+    return ValidationSplit(select_frames(dataset, pieces), held, description)
 
 
 def select_frames(dataset: Dataset, pieces: Sequence[tuple[int, int]]) -> Dataset:

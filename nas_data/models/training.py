@@ -60,8 +60,8 @@ class ModelTraining:
             DatasetInvalid: φ without `next.observation.sim_state`.
             JointMismatch: simulator and dataset have different joints.
             ModelFileError: the source's model does not have its declared symmetry.
-            OptionError: torch cannot use the device, or the options ask for torque correction or a symmetry without
-                torques or a symmetry.
+            OptionError: torch cannot use the device, or the options ask for torque correction without torques, for a
+                symmetry that the model does not have, or for stiction without commanded positions.
         """
         if kind == "delta" and not dataset.paired:
             raise DatasetInvalid(
@@ -72,6 +72,8 @@ class ModelTraining:
             raise JointMismatch("The simulator and the dataset have different joints.")
         if options.corrects == "command":
             check_torques(kind, dataset, options, simulator)
+        if options.stiction:
+            check_positions(kind, dataset)
         self.options = options
         self.simulator = simulator
         self.device = find_device(device)
@@ -117,7 +119,7 @@ class ModelTraining:
                 "validation_unit": self.unit.si if self.unit else None,
             },
             corrects=options.corrects,
-            stiction=options.stiction and kind == "delta" and dataset.commands_positions,
+            stiction=options.stiction,
             **(find_symmetry(self.simulator) if options.symmetric and self.simulator else {}),
         )
 
@@ -176,6 +178,20 @@ def check_torques(kind: Kind, dataset: Dataset, options: TrainingOptions, simula
     else:
         return
     raise OptionError(f"The preset {options.preset} is of φ that corrects torques: {reason}; use the preset few.")
+
+
+def check_positions(kind: Kind, dataset: Dataset) -> None:
+    """Check the requirements of a training with stiction.
+
+    Raises:
+        OptionError: the kind is ψ, or a command is no position.
+    """
+    if kind != "delta" or not dataset.commands_positions:
+        other = "ψ" if kind != "delta" else "an arm with other commands"
+        raise OptionError(
+            f"Stiction is for φ of an arm that takes positions, not for {other}; use the preset fast, or few for "
+            "recordings of a few minutes."
+        )
 
 
 def find_device(name: str | None) -> torch.device:

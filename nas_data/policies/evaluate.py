@@ -10,6 +10,7 @@ from nas_data.envs.base import Task, find_task_file
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.envs.loop.task_batch import TaskBatch
 from nas_data.errors import CheckpointError, OptionError
+from nas_data.log import warn
 from nas_data.policies.policy import Policy, PolicyScore, find_policies, load_policy
 from nas_data.simulators.base import Stepper
 from nas_data.text_table import format_table
@@ -189,6 +190,14 @@ def score_group(path: Path, plant: DynamicsSpec, episodes: int, stepper: Stepper
     policies = [load_policy(folder) for folder in folders]
     scores = [score_policy(policy, plant, episodes, stepper) for policy in policies]
     return Group(name=str(path), folders=folders, policies=policies, scores=scores)
+
+
+def warn_of_unequal_training(groups: Sequence[Group]) -> None:
+    """Warn of groups in which seeds were trained for different numbers of frames, as after an interruption."""
+    for group in groups:
+        if len({policy.frames for policy in group.policies}) > 1:
+            trained = ", ".join(f"seed {policy.seed} has {policy.frames:,} frames" for policy in group.policies)
+            warn([f"{group.name} pools policies of different training ({trained}); train all to the same --frames"])
 
 
 def summarise_spread(values: np.ndarray) -> dict[str, float]:

@@ -18,12 +18,13 @@ from support.recording_samples import pendulum, wander
 from support.report_samples import gap_report
 
 import nas_data as nas
+from nas_data.api.arguments import find_folder
 from nas_data.dataset.content import hash_content
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.verify import verify
 from nas_data.effects.base import Effect, Parameter, parse
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
-from nas_data.errors import DatasetInvalid, JointMismatch, MissingPackage, OptionError, UnknownName
+from nas_data.errors import DatasetInvalid, JointMismatch, MissingPackage, OptionError, OutputExists, UnknownName
 from nas_data.models.presets import TrainingOptions, preset
 from nas_data.policies.policy import Hyperparameters
 from nas_data.policies.policy import load_policy as read_policy
@@ -256,7 +257,11 @@ def test_saving_makes_versions_that_name_their_parents(ds, paired, arm, tmp_path
     third = nas.Dataset.load(second).select([0, 2]).save(tmp_path / "arm")
     provenance = read_provenance(third)
     assert (provenance.how, provenance.parents[0].name) == ("edited", f"arm/{second.name}")
-    assert [verify(root) for root in (first, second, third)] == [[], [], []]
+    assert nas.Dataset.load(second, [0, 2]).save(tmp_path / "arm") == third
+    fourth = nas.Dataset.load(second, [1, 3]).save(tmp_path / "arm")
+    provenance = read_provenance(fourth)
+    assert (provenance.how, provenance.parents[0].name) == ("edited", f"arm/{second.name}")
+    assert [verify(root) for root in (first, second, third, fourth)] == [[], [], [], []]
 
 
 def test_lerobots_own_recording_is_read_with_what_it_lacks_derived(ds, tmp_path):
@@ -471,7 +476,10 @@ def test_models_say_how_they_were_trained_and_are_saved(page, ds, arm):
     given = {"model": arm, "plain_fit": False}
     first, second = (nas.evaluate(one, ds, **given) for one in (phi, again))
     assert first.to_json() == second.to_json()
-    assert set(nas.evaluate(psi, ds, plain_fit=False).open_loop) == {"ψ", "hold", "command"}
+    for plain_fit in (False, True):
+        without = nas.evaluate(psi, ds, plain_fit=plain_fit)
+        assert set(without.open_loop) == {"ψ", "hold", "command"}
+        assert ("no plain fit: it needs the model that it fits" in str(without)) == plain_fit
 
 
 def test_a_corrected_model_stands_beside_the_one_that_it_came_from(page, ds, arm):
@@ -499,6 +507,65 @@ def test_progress_is_told(ds):
     small = TrainingOptions(hidden=8, layers=1, frames=200)
     nas.train_forward(ds, preset=small, updates=1, seed=1, progress=lines.append)
     assert any("validation" in line for line in lines)
+
+
+def test_a_training_goes_on_with_the_episodes_that_it_began_with_only(ds, tmp_path):
+    folder, small = ds.save(tmp_path / "arm"), TrainingOptions(hidden=8, layers=1, frames=200, updates=2)
+
+    def interrupt(line: str) -> None:
+        if "validation " in line and " s" in line:
+            raise KeyboardInterrupt
+
+    def train_on(episodes, progress=None):
+        part = nas.Dataset.load(folder, episodes)
+        return nas.train_forward(part, preset=small, out=tmp_path / "psi", progress=progress)
+
+    with pytest.raises(KeyboardInterrupt):
+        train_on([2, 3], interrupt)
+    with pytest.raises(OutputExists, match="unfinished training with other options, data"):
+        train_on([0, 1])
+    seen = train_on([2, 3]).network.provenance["dataset"]
+    assert (seen["content_hash"], seen["episodes"]) == (hash_content(ds), [2, 3])
+
+
+def test_a_part_of_a_folder_is_not_taken_for_the_folder(ds, tmp_path):
+    folder = ds.save(tmp_path / "arm")
+    assert find_folder(nas.Dataset.load(folder)) == folder
+    assert find_folder(nas.Dataset.load(folder, [0, 1])) is None, "a gap report would name another recording"
+    with pytest.raises(DatasetInvalid, match=r"nas pair .*arm/v1-"):
+        nas.train_delta(nas.Dataset.load(folder, [0, 1]))
+
+
+def test_numpy_selects_episodes_as_a_list_does(ds, tmp_path):
+    folder = ds.save(tmp_path / "arm")
+    loaded = nas.Dataset.load(folder, np.array([3, 1]))
+    assert hash_content(loaded) == hash_content(ds.select(np.array([3, 1]))) == hash_content(ds.select([3, 1]))
+    result = nas.evaluate("pendulum", ds, episodes=np.arange(2), plain_fit=False)
+    assert result.open_loop["source"].lengths.tolist() == [70, 70]
+
+
+@pytest.mark.parametrize(
+    ("episodes", "words"),
+    [
+        ([], "No episodes are given"),
+        ([0.0], "give their numbers"),
+        (1, "give their numbers"),
+        ([1, 0, 1], "1 is given twice"),
+    ],
+)
+def test_episodes_that_are_none_or_no_numbers_are_refused_in_a_sentence(ds, tmp_path, episodes, words):
+    folder = ds.save(tmp_path / "arm")
+    with pytest.raises(OptionError, match=words):
+        nas.Dataset.load(folder, episodes)
+    for dataset in (ds, folder):
+        with pytest.raises(OptionError, match=words):
+            nas.evaluate("pendulum", dataset, episodes=episodes, plain_fit=False)
+
+
+@pytest.mark.parametrize("episodes", [[], range(0), [0.0], 1, ["0"]])
+def test_a_selection_of_nothing_is_refused_in_a_sentence(ds, episodes):
+    with pytest.raises(OptionError, match="give their numbers"):
+        ds.select(episodes)
 
 
 # --- environments and policies

@@ -101,8 +101,10 @@ BAD = {
     "train: no such preset": (("train", "forward", "RAW", "--preset", "nas2018"), "paper"),
     "train: ψ of torques": (("train", "forward", "RAW", "--preset", "symmetric"), "ψ corrects nothing"),
     "train: torques of a servo": (("train", "delta", "PAIRED", "--preset", "symmetric"), "does not take torques"),
+    "train: stiction of ψ": (("train", "forward", "RAW", "--preset", "stiction"), "not for ψ; use the preset fast"),
     "train: no such device": (("train", "forward", "RAW", "--device", "abacus"), "abacus"),
     "train: no such episode": (("train", "forward", "RAW", "--episodes", "99"), "99"),
+    "train: an episode twice": (("train", "forward", "RAW", "--episodes", "0", "0"), "Episode 0 is given twice"),
     "train: nothing to learn from": (("train", "forward", "../blink"), "transitions"),
     "train: no units": (("train", "forward", "RAW", "--hidden", "0"), "Hidden"),
     "train: a negative seed": (("train", "forward", "RAW", "--seed", "-1"), "seed"),
@@ -120,6 +122,7 @@ BAD = {
     "evaluate: a web page": (("evaluate", "PHI", "RAW", "--model", "../page.xml"), "page.xml"),
     "evaluate: ψ with a picture": (("evaluate", "PSI", "RAW", "--model", "../photo.png"), "photo.png"),
     "evaluate: no such episode": (("evaluate", "PHI", "RAW", "--episodes", "-3"), "-3"),
+    "evaluate: an episode twice": (("evaluate", "PHI", "RAW", "--episodes", "0", "0"), "Episode 0 is given twice"),
     "evaluate: data of another rate": (("evaluate", "PHI", "../quick"), "200 Hz"),
 }
 

@@ -298,6 +298,8 @@ def test_evaluation_reads_as_text_and_takes_some_episodes(place, here):
     assert "2 episodes" in answer.out
     for word in ("One step", "Open loop", "source + φ", "hold", "command", "deg"):
         assert word in answer.out
+    rows = answer.out.partition("Open loop, each episode")[2].splitlines()
+    assert [row.split()[0] for row in rows[2:4]] == ["1", "4"]
     assert not list(here.iterdir()), "evaluating writes nothing"
 
 

@@ -332,6 +332,17 @@ def test_a_model_that_diverges_is_said_to_by_episode_and_time():
     assert content["diverged"] == {"ψ": [{"episode": 0, "after_s": pytest.approx(0.12)}]}
 
 
+def test_selected_episodes_keep_their_numbers():
+    result = evaluate(long_and_short().select([1, 0]), None, runaway())
+    assert result.diverged["ψ"] == {1: pytest.approx(6 / 50)}, "the place among the rollouts"
+    assert "ψ diverges in 1 of 2 episodes (episode 0 after 0.12 s)" in result.text()
+    rows = result.episodes_text().splitlines()
+    assert [row.split()[0] for row in rows[2:]] == ["1", "0"]
+    content = result.to_json()
+    assert content["episodes"] == [1, 0]
+    assert content["diverged"] == {"ψ": [{"episode": 0, "after_s": pytest.approx(0.12)}]}
+
+
 def test_nothing_is_said_to_diverge_that_does_not():
     result = evaluate(tiny(), ARM, silent(network("delta", ("a", "b"))))
     assert result.diverged == {}

@@ -154,7 +154,6 @@ def test_a_silent_phi_with_stiction_moves_a_little_less_than_the_source():
 def test_phi_of_an_arm_that_takes_positions_has_stiction_by_default(swings):
     options = replace(TINY, stiction=True)
     assert ModelTraining("delta", swings, options, device="cpu").model.stiction
-    assert not ModelTraining("forward", swings, options, device="cpu").model.stiction
     assert choose_preset("delta", commands_positions=True) == "stiction"
     assert preset("stiction").stiction
     assert (
@@ -162,10 +161,12 @@ def test_phi_of_an_arm_that_takes_positions_has_stiction_by_default(swings):
     )
 
 
-def test_phi_of_an_arm_that_takes_torques_has_none():
+def test_stiction_is_refused_where_it_cannot_act(swings):
     source = replace(LinearSimulator.draw(0), commands_effort=True)
     dataset = pair(recorded_on(source, wander((60, 45), 2)), source)
-    assert not ModelTraining("delta", dataset, replace(TINY, stiction=True), device="cpu").model.stiction
+    for kind, data, words in (("delta", dataset, "an arm with other commands"), ("forward", swings, "ψ")):
+        with pytest.raises(OptionError, match=f"not for {words}; use the preset fast"):
+            ModelTraining(kind, data, replace(TINY, stiction=True), device="cpu")
 
 
 def test_training_starts_from_low_thresholds_and_the_linear_shortcut(swings):

@@ -145,6 +145,19 @@ def test_a_split_loses_no_frame_and_shares_none(lengths, share, seed):
     assert (again.description, again.validation.n_frames) == (parts.description, parts.validation.n_frames)
 
 
+@pytest.mark.parametrize("count", [5, 30])
+def test_held_out_episodes_keep_their_numbers(count):
+    dataset = paired_pendulum((4,) * 40)
+    numbers = list(range(39, 39 - count, -1))
+    parts = split_validation(dataset.select(numbers), 0.2, seed=0)
+    held = parts.validation
+    for number, rows in zip(held.numbers, held.episodes(), strict=True):
+        whole = dataset.states[dataset.episode(number)]
+        assert np.array_equal(held.states[rows], whole[-(rows.stop - rows.start) :])
+    listed = f"episodes {', '.join(map(str, held.numbers))}"
+    assert parts.description == (listed if count == 30 else "the last 20% of each episode (fewer than 20 episodes)")
+
+
 def test_long_validation_episodes_are_cut_and_few_are_kept_whole():
     long = paired_pendulum((2500, 30))
     rollouts = cut_validation_rollouts(long)

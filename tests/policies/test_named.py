@@ -203,12 +203,16 @@ def test_the_commands_learn_in_the_named_source_and_compare_it(tmp_path, capsys)
         (["compare", "--effects", "nowhere"], "no file nowhere"),
         (["compare", "--delta-named", "phi"], "--effects DIR"),
         (["compare", "--effects", "gap", "--delta-named", "phi"], "another source"),
+        (["compare", "--delta", "psi", "--dry-run"], "a delta model is needed"),
+        (["compare", "--forward", "phi", "--dry-run"], "a forward model is needed"),
+        (["compare", "--effects", "gap", "--delta-named", "psi", "--dry-run"], "a delta model is needed"),
     ],
 )
 def test_bad_input_is_one_sentence_and_writes_nothing(tmp_path, monkeypatch, capsys, words, sentence):
     monkeypatch.chdir(tmp_path)
     report(tmp_path / "gap")
     phi_of(tmp_path / "phi", DynamicsSpec("ErgoReacher"))
+    small_model(tmp_path / "psi", "forward")
     before = sorted(tmp_path.rglob("*"))
     assert cli.main(["policy", *words]) == 2
     error = capsys.readouterr().err

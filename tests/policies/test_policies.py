@@ -356,6 +356,20 @@ def test_a_worker_that_the_system_ends_is_told_in_a_sentence():
 
 
 @pytest.mark.usefixtures("small_ppo")
+def test_seeds_of_different_training_are_not_pooled_in_silence(tmp_path, capsys):
+    said = []
+    for seed, frames in enumerate((256, 512, 512)):
+        train = ["policy", "train", "--frames", str(frames), "--seed", str(seed), "--out", str(tmp_path / "policy")]
+        assert cli.main(train) == 0
+        capsys.readouterr()
+        assert cli.main(["policy", "evaluate", str(tmp_path / "policy"), "--episodes", "2"]) == 0
+        said.append(capsys.readouterr().err)
+    trained = "seed 0 has 256 frames, seed 1 has 512 frames"
+    assert ["pools" in line for line in said] == [False, True, True]
+    assert trained in said[1] and f"{trained}, seed 2 has 512 frames" in said[2]
+
+
+@pytest.mark.usefixtures("small_ppo")
 def test_the_commands_train_and_judge(tmp_path, capsys):
     out = tmp_path / "source"
     assert cli.main(["policy", "train", "--frames", "512", "--seed", "0", "--out", str(out)]) == 0

@@ -415,6 +415,12 @@ def test_the_trainings_follow_a_preset_and_what_is_given_beside_it(place, here):
     assert {name: sweep[f"option {name}"] for name in wanted} == wanted
 
 
+def test_a_preset_with_stiction_serves_both_kinds(place, here):
+    brief = ("--counts", "2", "--seeds", "0", "--updates", "2", "--hidden", "8", "--preset", "stiction")
+    content = done("ablate", place.paired, "--kinds", "delta", "forward", *brief, "--json").json
+    assert set(content["kinds"]) == {"delta", "forward"}
+
+
 def test_what_judges_must_not_train(place, here):
     answer = nas("ablate", place.paired, "--test", place.raw)
     assert answer.code == 2 and "test episodes must not be training episodes" in answer.err

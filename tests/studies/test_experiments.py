@@ -396,6 +396,15 @@ def test_figure6_refuses_methods_that_learn_from_no_recording(tmp_path):
         run_experiment("figure6", tiny(tmp_path, "Pusher", methods=("nas", "expert")))
 
 
+@pytest.mark.parametrize("environment", ["ErgoReacher", "Striker"])
+def test_figure6_refuses_a_preset_of_other_arms_before_any_work(tmp_path, environment):
+    request = tiny(tmp_path, environment, methods=("nas", "nas_symmetric"))
+    for act in (run_experiment, list_experiment_jobs):
+        with pytest.raises(OptionError, match=rf"nas_symmetric needs.*{environment}; use the method nas_few"):
+            act("figure6", request)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
     ("medians", "enough"),
     [((-100, -68, -67), 25), ((-100, -90, -67), 50), ((10, 10, 10), 10), ((9.4, 9.6, 10.0), 25), ((-1, -2, -3), 10)],
@@ -550,6 +559,16 @@ def test_unknown_experiments_and_methods_list_the_choices(tmp_path):
         run_experiment("figure6", tiny(tmp_path, "Pusher", counts=(1, 4)))
     with pytest.raises(OptionError, match="one environment"):
         run_experiment("figure6", tiny(tmp_path, "Pusher", "ErgoReacher"))
+
+
+def test_what_is_named_twice_is_done_once(tmp_path):
+    request = tiny(tmp_path, "Pusher", methods=("source", "source", "expert"))
+    listed = [job.name for job in list_experiment_jobs("figure5", request)]
+    assert len(listed) == len(set(listed)) == 2 * len(TINY.seeds)
+    requests = (tiny(tmp_path, "Pusher", counts=counts) for counts in ((3, 2, 3), (2, 3), (4, 2)))
+    stems = [format_stem("figure6", request) for request in requests]
+    whole = "figure6-Pusher-backlash-tiny"
+    assert stems == [f"{whole}-counts-2-3", f"{whole}-counts-2-3", whole]
 
 
 def test_methods_take_only_the_material_that_they_need():

@@ -7,8 +7,10 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from nas_data.count_of import count_of
+from nas_data.dataset.features import EFFORT
 from nas_data.envs.base import find_task_file
 from nas_data.errors import OptionError
+from nas_data.models.symmetry import find_symmetry
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Comparison
 from nas_data.policies.evaluate import summarise_spread
 from nas_data.policies.intervals import describe_interval, format_median
@@ -25,7 +27,7 @@ from nas_data.studies.experiments.pipeline.artifacts import Artifacts
 from nas_data.studies.experiments.pipeline.authors import RETURN_BY_COUNT
 from nas_data.studies.experiments.pipeline.compare_methods import make_hyperparameters, make_study, run_study
 from nas_data.studies.experiments.pipeline.dry_run import plan_count, plan_material, plan_policies
-from nas_data.studies.experiments.pipeline.sample_size import LEARNED, LEARNED_ON, CountJob, do_count
+from nas_data.studies.experiments.pipeline.sample_size import BY_PRESET, LEARNED, LEARNED_ON, CountJob, do_count
 from nas_data.studies.experiments.pipeline.stages import describe_stages
 from nas_data.studies.experiments.pipeline.table_notes import NAS, describe_intervals, describe_target
 from nas_data.typed_json import to_json
@@ -87,17 +89,41 @@ def plan(request: Request) -> list[PlannedJob]:
 
 
 def choose_counts(request: Request) -> tuple[tuple[int, ...], tuple[str, ...]]:
-    """Return the numbers of trajectories and the methods.
+    """Return the numbers of trajectories and the methods, before any work is done.
 
     Raises:
-        OptionError: there are too few trajectories to learn from.
+        OptionError: there are too few trajectories to learn from, or the arm cannot be trained by a method's preset.
     """
     counts, methods = tuple(sorted(set(request.sizes.counts))), tuple(dict.fromkeys(request.methods or (NAS,)))
     if min(counts) < 2:
         raise OptionError(
             f"--counts has {counts[0]}; give at least 2 trajectories, because one of them is held out for validation."
         )
+    check_presets(request, methods)
     return counts, methods
+
+
+def check_presets(request: Request, methods: tuple[str, ...]) -> None:
+    """Refuse methods whose preset corrects torques, where the arm takes none or its model has no symmetry.
+
+    Raises:
+        OptionError: a method does not suit the environment.
+    """
+    (environment,) = request.environments
+    plan = request.plan_material(environment)
+    for method in set(methods) & set(BY_PRESET):
+        if request.sizes.presets[BY_PRESET[method]].corrects == "state":
+            continue
+        simulator = plan.task.simulator(plan.source)
+        try:
+            suits = set(simulator.kinds) == {EFFORT} and bool(find_symmetry(simulator))
+        except OptionError:  # the model declares no symmetry
+            suits = False
+        if not suits:
+            raise OptionError(
+                f"The method {method} needs an arm that takes torques and whose model declares a symmetry, unlike that "
+                f"of {environment}; use the method nas_few."
+            )
 
 
 def describe(counts: tuple[int, ...], returns: np.ndarray) -> dict[str, object]:

@@ -55,10 +55,13 @@ def list_experiment_jobs(name: str, request: Request) -> list[PlannedJob]:
 
 
 def prepare(name: str, request: Request) -> tuple[Experiment, Request]:
-    """Return an experiment, and its request with the usual spelling of the environments; refuse an impossible one."""
+    """Return an experiment, and its request in usual form; refuse an impossible one.
+
+    Environments have their usual spelling, so that file names do not depend on it, and each method is there once.
+    """
     experiment = find_experiment(name)
     spelt = tuple(make_environment_name(find_task_file(environment)) for environment in request.environments)
-    request = replace(request, environments=spelt)  # file names do not depend on the spelling of an environment
+    request = replace(request, environments=spelt, methods=tuple(dict.fromkeys(request.methods)))
     check(experiment, request)
     return experiment, request
 

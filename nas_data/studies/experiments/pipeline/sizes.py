@@ -82,12 +82,13 @@ class Sizes:
         return replace(self, ppo=name, **PPO[name])  # type: ignore[arg-type]  # dataclasses.replace is not generic over fields
 
     def with_counts(self, counts: tuple[int, ...]) -> "Sizes":
-        """Return these sizes with other numbers of trajectories, all drawn from one recording.
+        """Return these sizes with other numbers of trajectories, each once and in order, all drawn from one recording.
 
         The recording has the size of the largest default number, or more if a larger one is requested. Numbers that are
         added later use the same recording.
         """
-        return replace(self, counts=counts or self.counts, trajectories=max((*counts, *self.counts)))
+        chosen = tuple(sorted(set(counts))) or self.counts  # file names list them
+        return replace(self, counts=chosen, trajectories=max((*counts, *self.counts)))
 
     def recipe(self, environment: str, dynamics: str, engine: str = "mujoco") -> Recipe:
         """Return the recording recipe of an environment's target."""
