@@ -19,11 +19,13 @@ from nas_data.api.arguments import (
 from nas_data.api.learned_model import LearnedModel
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import kept_folders
-from nas_data.errors import ModelFileError, NasError, OptionError
+from nas_data.envs.loop.load_model import check_source
+from nas_data.errors import CheckpointError, ModelFileError, NasError, OptionError
 from nas_data.log import warn
 from nas_data.models import checkpoint
 from nas_data.models.evaluation import PLAIN, Evaluation
 from nas_data.models.evaluation import evaluate as evaluate_predictors
+from nas_data.models.lstm import DynamicsModel
 from nas_data.pairing import warn_of_overlaps, warn_of_ranges
 from nas_data.robots.base import find_robot, list_robot_names
 from nas_data.runs.progress import silence
@@ -94,8 +96,21 @@ def evaluate(
             others = {**others, MODEL: tested.simulator(recorded)}
         network = None if model_to_test is None else model_to_test.network
         found = evaluate_predictors(recorded, simulator, network, count or count_aloud(say), others)
+        if network is not None and simulator is not None and (given is not None or engine is not None):
+            notes = (*notes, *note_other_source(own[0], network, simulator))
         told = known.describe(find_robot(given)) if given is not None and (engine or MUJOCO) == MUJOCO else ()
     return replace(found, notes=(*notes, *told))
+
+
+def note_other_source(folder: Path, network: DynamicsModel, simulator: Simulator) -> list[str]:
+    """Return a note if φ corrects another source than the one that it was trained for."""
+    if network.kind != "delta":
+        return []
+    try:
+        check_source(folder, network, simulator)
+    except CheckpointError as error:
+        return [f"φ is not used as it was trained: {error}"]
+    return []
 
 
 def is_model(learned: LearnedModel | str | Path) -> bool:

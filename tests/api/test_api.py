@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import gymnasium
+import mujoco
 import numpy as np
 import pandas
 import pytest
@@ -466,7 +467,7 @@ def test_models_are_judged_beside_what_needs_no_learning(page):
     assert "fitted to the training data of the model" in str(errors)
 
 
-def test_models_say_how_they_were_trained_and_are_saved(page, ds, arm):
+def test_models_say_how_they_were_trained_and_are_saved(page, ds, arm, tmp_path):
     phi, psi = page["phi"], page["psi"]
     assert (phi.kind, psi.kind, phi.joints) == ("delta", "forward", ("pendulum",))
     assert phi.history[-1]["update"] == 2
@@ -476,6 +477,11 @@ def test_models_say_how_they_were_trained_and_are_saved(page, ds, arm):
     given = {"model": arm, "plain_fit": False}
     first, second = (nas.evaluate(one, ds, **given) for one in (phi, again))
     assert first.to_json() == second.to_json()
+    assert "another source" not in str(first)
+    spec = mujoco.MjSpec.from_file(str(arm))
+    spec.actuators[0].set_to_position(kp=1.0)
+    (soft := tmp_path / "soft.xml").write_text(spec.to_xml())
+    assert "was trained with another source" in str(nas.evaluate(again, ds, model=soft, plain_fit=False))
     for plain_fit in (False, True):
         without = nas.evaluate(psi, ds, plain_fit=plain_fit)
         assert set(without.open_loop) == {"ψ", "hold", "command"}

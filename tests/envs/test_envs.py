@@ -2,6 +2,7 @@
 
 import json
 import warnings
+from itertools import count
 from pathlib import Path
 
 import gymnasium
@@ -16,7 +17,7 @@ from support.first_order_arm import FirstOrderArm
 
 from nas_data import registry
 from nas_data.environment_ids import make_environment_id
-from nas_data.envs.base import find_task, find_task_file
+from nas_data.envs.base import StepResult, find_task, find_task_file
 from nas_data.envs.ergo_reacher import ACTIVE, CENTRE, REACHED, RING, TASK
 from nas_data.envs.loop.arm_env import ArmEnv
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
@@ -255,7 +256,7 @@ def test_a_correction_of_another_source_is_refused(tmp_path):
     phi = Path(small_model(tmp_path / "phi"))
     (phi / "source.xml").write_text(TASK.simulator().robot.spec().to_xml())
     DynamicsSpec("ErgoReacher", checkpoint=str(phi)).check()
-    with pytest.raises(CheckpointError, match="another source than this environment's"):
+    with pytest.raises(CheckpointError, match="another source than the one in use"):
         DynamicsSpec("ErgoReacher", "backlash", checkpoint=str(phi)).check()
 
 
@@ -270,3 +271,20 @@ def test_a_plants_description_follows_the_checkpoint_and_not_its_folder(tmp_path
         DynamicsSpec("ErgoReacher", checkpoint=one).describe()
         != DynamicsSpec("ErgoReacher", checkpoint=other).describe()
     )
+
+
+def test_an_episode_that_reached_its_goal_in_any_step_succeeded(monkeypatch):
+    arms = ArmVecEnv(find_task("pusher"), DynamicsSpec("pusher").stepper(2))
+    arms.reset()
+    steps = count(1)
+
+    def judge(*_: object) -> StepResult:
+        reached = next(steps) % 100 == 3
+        return StepResult(np.zeros(2), np.zeros(2, bool), np.array([reached, False]))
+
+    monkeypatch.setattr(type(arms.arena.task), "judge", judge)  # 100 steps an episode
+    for _ in range(2):  # success is forgotten when the next episode begins
+        for _ in range(arms.arena.task.horizon):
+            _, _, done, infos = arms.step(np.zeros((2, *arms.action_space.shape)))
+        assert done.all()
+        assert [info["is_success"] for info in infos] == [True, False]

@@ -135,7 +135,7 @@ def test_a_correction_is_used_on_its_own_source_only(tmp_path, own):
         if name == own:
             replace(plant, checkpoint=phi).check()
             continue
-        with pytest.raises(CheckpointError, match="another source than this environment's"):
+        with pytest.raises(CheckpointError, match="another source than the one in use"):
             replace(plant, checkpoint=phi).check()
 
 

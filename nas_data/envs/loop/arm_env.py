@@ -91,7 +91,7 @@ class ArmEnv(gymnasium.Env[Array, Array], gymnasium.utils.EzPickle):
         return self._seen.copy(), {}
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, object]]:
-        """Act for one control period; `info["is_success"]` is whether the goal is reached.
+        """Act for one control period; `info["is_success"]` is whether the goal was reached in this episode.
 
         A simulation that diverges ends the episode (see `TaskBatch`). Then `info["diverged"]` is true, and the
         observation is the previous one.
@@ -101,7 +101,7 @@ class ArmEnv(gymnasium.Env[Array, Array], gymnasium.utils.EzPickle):
         """
         verdict, truncated = self.arena.step(np.asarray(action)[None])
         diverged = bool(self.arena.lost[0])
-        info: dict[str, object] = {"is_success": bool(verdict.success[0]), "diverged": diverged}
+        info: dict[str, object] = {"is_success": bool(self.arena.succeeded[0]), "diverged": diverged}
         self._seen = self._seen if diverged else self.arena.observe()[0]
         if self.render_mode == HUMAN:
             self.render()

@@ -85,10 +85,10 @@ class ArmVecEnv(VecEnv):
                 infos[row] = {
                     "terminal_observation": observations[row].copy(),
                     "TimeLimit.truncated": bool(truncated[row]),
-                    "is_success": bool(verdict.success[row]),
+                    "is_success": bool(self.arena.succeeded[row]),
                     "episode": {"r": total, "l": length},
                 }
-                self._ended.append(RunningEpisode(total, length, bool(verdict.success[row]), bool(lost[row])))
+                self._ended.append(RunningEpisode(total, length, bool(self.arena.succeeded[row]), bool(lost[row])))
             self._returns[rows] = 0.0
             self.arena.start([self._rngs[row] for row in rows], rows)
             observations[rows] = self.arena.observe()[rows]

@@ -18,7 +18,7 @@ from nas_data.sources import EFFECTS, MODEL
 SAME_SOURCE = 1e-3  # [rad] apart after PROBED; equal sources agree to rounding, 4 g more at the tip makes 0.03
 PROBED = 20  # control steps with large commands: limits, backlash and friction need more than one step to show
 PROBES = 64  # rollouts for the comparison of two sources
-REMEDY = "Pair the dataset with this environment's robot, with the same effects if any, and train again."
+REMEDY = "Pair the dataset with the source in use, with the same effects if any, and train again."
 WIDE, WEAK = 1.5, 0.1  # [rad] and [N·m] of the probes' commands
 
 
@@ -51,7 +51,7 @@ def check_source(folder: Path, model: DynamicsModel, simulator: Simulator) -> No
     engine, ours = str(record.get("engine", "mujoco")), simulator.describe()
     if engine != ours.get("engine"):
         raise CheckpointError(
-            f"The checkpoint {folder} corrects a source in {engine}; the environment runs in {ours.get('engine')}."
+            f"The checkpoint {folder} corrects a source in {engine}; the one in use runs in {ours.get('engine')}."
         )
     if not (folder / MODEL).is_file():
         check_record(folder, record, ours)
@@ -60,7 +60,7 @@ def check_source(folder: Path, model: DynamicsModel, simulator: Simulator) -> No
     kept = load_simulator(folder / MODEL, simulator.period, simulator.joints, effects, engine)
     if (apart := measure_rollout_difference(kept, simulator)) > SAME_SOURCE:
         raise CheckpointError(
-            f"The checkpoint {folder} was trained with another source than this environment's: under the same commands "
+            f"The checkpoint {folder} was trained with another source than the one in use: under the same commands "
             f"they are up to {apart:.2g} rad apart after {PROBED} steps. {REMEDY}"
         )
 
@@ -72,7 +72,7 @@ def check_record(folder: Path, record: Mapping[str, object], ours: Mapping[str, 
     if different:
         what = "another model" if "sha256" in different else "other effects"
         raise CheckpointError(
-            f"The checkpoint {folder} was trained on a source with {what} than this environment's. {REMEDY}"
+            f"The checkpoint {folder} was trained on a source with {what} than the one in use. {REMEDY}"
         )
 
 

@@ -21,6 +21,7 @@ class TaskBatch:
 
     Attributes:
         lost: Which simulations diverged in the last step, shape (B,).
+        succeeded: Which episodes have reached their goal in any step so far, shape (B,).
         least: Smallest reward of any row so far; infinite before the first.
     """
 
@@ -39,6 +40,7 @@ class TaskBatch:
         self.size = stepper.size
         self.elapsed = np.zeros(self.size, dtype=int)
         self.lost = np.zeros(self.size, dtype=bool)
+        self.succeeded = np.zeros(self.size, dtype=bool)
         self.least = np.inf
         self._goals: np.ndarray | None = None
 
@@ -64,7 +66,7 @@ class TaskBatch:
             self.least = np.inf
         chosen = slice(None) if rows is None else rows
         self._goals[chosen] = goals
-        self.elapsed[chosen] = 0
+        self.elapsed[chosen], self.succeeded[chosen] = 0, False
         if isinstance(self.stepper, RandomizedStepper):
             self.stepper.redraw(rngs, rows)
         self.stepper.reset(np.stack([np.concatenate([start.state, start.objects]) for start in starts]), rows)
@@ -97,6 +99,7 @@ class TaskBatch:
         self.least = min(self.least, float(verdict.reward[~self.lost].min(initial=np.inf)))
         if self.lost.any():
             verdict = self._terminate_lost_rows(verdict)
+        self.succeeded |= verdict.success
         return verdict, (self.elapsed >= self.task.horizon) & ~verdict.terminated
 
     def _check(self, actions: np.ndarray) -> None:
