@@ -69,6 +69,7 @@ def test_only_what_differs_from_the_baseline_is_named(before: Path, after: Path,
     assert f"--baseline {before}" in report.made_from.command
 
 
+@pytest.mark.slow
 def test_what_explains_the_baseline_too_is_not_named(before: Path, after: Path, tmp_path: Path):
     """The model lacks the friction of both recordings."""
     report = identify(after, "pendulum", out=tmp_path / "gap", baseline=before)

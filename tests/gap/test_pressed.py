@@ -131,6 +131,7 @@ def test_what_needs_fine_steps_in_a_file_is_fitted_with_them(tmp_path: Path):
     assert found.expresses_all and found.delivered == "names"
 
 
+@pytest.mark.slow
 def test_friction_that_falls_with_speed_is_written_as_a_fit_of_one_that_does_not(given: Problem, tmp_path: Path):
     """It is named as it was found all the same, and no name is said to be in the file."""
     wanted = named(f"{LOAD},kinetic_ratio=0.2,stribeck_velocity=0.3", LOAD.replace("0.3", "0.22"))

@@ -120,6 +120,7 @@ def test_a_register_in_si_needs_no_statement_of_the_model(registers, effect):
     assert positions(read(registers).set_in(plain)) == pytest.approx(changed, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_known_gain_is_not_named_and_an_unknown_one_is(arm, tmp_path):
     dataset = recording(CHANGED["p_gain"][1])
     known = nas.identify(told(dataset, FULL | {"p_gain": 200}), model=arm, out=tmp_path / "known")

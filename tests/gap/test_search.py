@@ -149,6 +149,7 @@ def test_up_from_the_model_and_down_from_the_plain_fit_meet(rubbing: Search):
     assert abs(rubbing.rescore(up).score.over(rubbing.rescore(down).score)) < PRICE
 
 
+@pytest.mark.slow
 def test_what_one_effect_explains_is_named_though_the_plain_fit_leaves_more():
     search = begun(arm(), "backlash:joint=j1,half_width=0.03")
     choice = choose(search)

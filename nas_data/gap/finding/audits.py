@@ -133,7 +133,7 @@ def check_contacts(examined: Examined) -> Check:
     """Report bodies of the model that penetrate in measured poses."""
     found = sorted(examined.overlaps, key=lambda overlap: (-overlap.share, -overlap.depth))
     if not found:
-        return Check("contacts", "The recording contradicts no contact of the model.")
+        return Check("contacts", "The contacts of the model agree with the recording.")
     each = [
         f"{one.text} by up to {1000 * one.depth:.0f} mm in {format_percent(one.share)} of the rows" for one in found
     ]
