@@ -71,7 +71,7 @@ def as_optional_model(model: str | Path | None, actuators: Actuators) -> str | N
     if model is not None:
         return as_model(model, actuators)
     if actuators != "position":
-        raise OptionError("--actuators is for a URDF given with --model; without one, leave it out.")
+        raise OptionError("Actuators are for a URDF that is given as the model; without one, leave them out.")
     return None
 
 

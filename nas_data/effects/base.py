@@ -333,7 +333,7 @@ def add_effects(spec: mujoco.MjSpec, effects: Iterable[Effect]) -> None:
         make_values_explicit(spec)
     for effect in chosen:
         if effect.joint is not None and spec.joint(effect.joint) is None:
-            names = ", ".join(joint.name for joint in spec.joints)
+            names = ", ".join(joint.name for joint in spec.joints if joint.name)
             raise JointMismatch(f"{effect.name()} names the joint '{effect.joint}'; the model has: {names}.")
         if not effect.is_neutral:
             effect.edit(spec)

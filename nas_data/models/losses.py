@@ -142,7 +142,7 @@ class FreeRunning:
         self.model = model
         self.episodes = [episode for episode in episodes if len(episode) > 1]
         if not self.episodes:
-            raise DatasetInvalid("No training episode has two transitions; record longer ones, or give --updates 0.")
+            raise DatasetInvalid("No training episode has two transitions; record longer ones, or give 0 updates.")
         self.options = options
         self.device = device
         self.updates = options.updates

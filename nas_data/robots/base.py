@@ -29,6 +29,7 @@ FOLDER = Path(__file__).parent
 MISSING = re.compile(r"Error opening file '([^']+)'")  # MuJoCo's error for meshes, textures and included files
 URDF = ".urdf"
 KNOWN = (".xml", URDF)  # file suffixes that MuJoCo reads
+XACRO = b"<xacro:"  # macros and properties of a template
 TORQUES = ":torque"  # suffix of a URDF's path for torque motors instead of position servos
 PREFIX = "nas_"  # prefix of the constants of this package in <custom>
 TEXTS = ("nas_tip", "nas_mirror", "nas_cyclic", MEASURED)  # models/symmetry.py reads two of them
@@ -116,6 +117,9 @@ def read_spec(path: Path) -> mujoco.MjSpec:
         raise ModelFileError(f"{path} is a folder; give a model file{_suggest_models(path)}.")
     if not path.is_file():
         raise ModelFileError(f"There is no model file {path}; give an MJCF or URDF file, or a robot's name.")
+    if XACRO in path.read_bytes():
+        whole = path.with_name(path.name.split(".")[0] + URDF)
+        raise ModelFileError(f"{path} is a template; expand it, and give the result: xacro {path} > {whole}")
     try:
         with collect_warnings() as warnings:
             spec = _parse(path)

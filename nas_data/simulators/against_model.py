@@ -61,7 +61,7 @@ def check(
         ModelFileError, UnknownName: the model cannot be used.
     """
     compiled, joints = find_robot(model).spec().compile(), dataset.joints
-    names = [compiled.joint(index).name for index in range(compiled.njnt)]
+    names = list(filter(None, (compiled.joint(index).name for index in range(compiled.njnt))))
     missing = [joint for joint in joints if joint not in names]
     if missing:
         raise JointMismatch(

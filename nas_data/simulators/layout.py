@@ -118,7 +118,7 @@ def find_joint_index(model: mujoco.MjModel, joint: str, name: str) -> int:
     """
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint)
     if index < 0:
-        names = ", ".join(model.joint(i).name for i in range(model.njnt))
+        names = ", ".join(filter(None, (model.joint(i).name for i in range(model.njnt))))
         raise JointMismatch(
             f"{name} has no joint '{joint}'; it has: {names}. Joints are matched by name; use one name for both."
         )

@@ -65,7 +65,7 @@ def test_the_source_that_is_kept_has_the_motors(urdf, capsys):
     assert run("evaluate lever.urdf lever") == 2
     capsys.readouterr()
     assert run("train delta paired --actuators torque") == 2
-    assert "--actuators is for a URDF given with --model" in capsys.readouterr().err
+    assert "Actuators are for a URDF that is given as the model" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -51,6 +51,14 @@ def test_the_remedy_silences_the_doubt(tmp_path, capsys, remedy):
     assert capsys.readouterr().err == ""
 
 
+def test_an_included_file_may_state_the_unit(tmp_path, capsys):
+    (tmp_path / "unit.xml").write_text('<mujoco><compiler angle="degree"/></mujoco>')
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM.format(compiler='<include file="unit.xml"/>', limits="-1.57 1.57"))
+    find_robot(path)
+    assert capsys.readouterr().err == ""
+
+
 def test_a_command_without_a_recording_tells_it_and_json_stays_json(tmp_path, capsys):
     path = tmp_path / "arm.xml"
     path.write_text(ARM.format(compiler="", limits="-1.57 1.57"))

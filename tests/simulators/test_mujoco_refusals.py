@@ -104,6 +104,7 @@ def test_a_closed_loop_that_diverges_says_so_by_nan_until_it_is_reset(write, tmp
         ("cut.xml", CONTACTS[: len(CONTACTS) // 2].encode()),
         ("passive.xml", CONTACTS[: CONTACTS.index("<actuator>")].encode() + b"</mujoco>"),
         ("folder.xml", None),
+        ("arm.urdf.xacro", b'<robot name="arm"><xacro:property name="length" value="1"/></robot>'),
     ],
 )
 def test_a_wrong_file_given_as_model_is_refused_in_one_sentence(tmp_path, monkeypatch, capfd, name, content):
