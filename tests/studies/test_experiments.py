@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -158,6 +159,18 @@ def test_the_jobs_of_a_finished_experiment_are_listed_as_done(folder, name, coun
     assert all(job.took is not None and job.took < 60 for job in jobs)
     assert any(job.took is None for job in list_experiment_jobs("figure5", replace(request, dynamics="paper")))
     assert times(folder) == before
+
+
+def test_policies_of_other_code_are_refused_before_a_run_too(folder, tmp_path):
+    shutil.copytree(folder / "tiny", tmp_path / "tiny")
+    request = replace(tiny(folder, "Pusher", methods=("source",)), folder=tmp_path)
+    assert all(job.took is not None for job in list_experiment_jobs("figure5", request))
+    for file in ("config.json", "result.json"):
+        path = tmp_path / "tiny/Pusher-backlash/policies/256/source/seed0" / file
+        path.write_text(re.sub(r'"code": "\w+"', '"code": "0"', path.read_text()))
+    for answer in (list_experiment_jobs, run_experiment):
+        with pytest.raises(OutputExists, match="trained by another version"):
+            answer("figure5", request)
 
 
 def test_more_seeds_leave_those_done_before_alone(folder):

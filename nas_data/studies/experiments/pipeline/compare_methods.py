@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
 
@@ -73,9 +74,14 @@ def make_study(request: Request, material: Artifacts, names: Sequence[str], data
     )
 
 
+def find_policies_folder(request: Request, environment: str) -> Path:
+    """Return the folder of the policies of an environment, of the request's lengths and PPO settings."""
+    return request.home(environment) / "policies" / request.sizes.policies
+
+
 def run_study(study: Study, request: Request, environment: str) -> Comparison:
     """Run a comparison in the environment's folder; other lengths and PPO settings have other subfolders."""
-    folder = request.home(environment) / "policies" / request.sizes.policies
+    folder = find_policies_folder(request, environment)
 
     def report(line: str) -> None:
         request.report(f"{INDENT}{line}")

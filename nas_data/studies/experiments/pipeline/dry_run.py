@@ -2,12 +2,14 @@
 
 import json
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 
 from nas_data.count_of import count_of
 from nas_data.environment_ids import make_environment_name
 from nas_data.envs.base import find_task_file
 from nas_data.models.run import HISTORY
+from nas_data.policies.compare import Run, list_runs, read_finished
 from nas_data.policies.dry_run import EVALUATION, POLICY_STEP, plan_policy
 from nas_data.policies.policy import read_result
 from nas_data.runs.planned_jobs import PlannedJob
@@ -19,9 +21,11 @@ from nas_data.studies.experiments.pipeline.artifacts import (
     PHI,
     PHI_NAMED,
     PSI,
+    Artifacts,
     MaterialPlan,
     list_needed_stages,
 )
+from nas_data.studies.experiments.pipeline.compare_methods import find_policies_folder, make_study
 from nas_data.studies.experiments.pipeline.learning import read_record
 from nas_data.studies.experiments.pipeline.sequence import NEEDS
 from nas_data.studies.experiments.pipeline.stages import FOLDER, list_stages
@@ -61,19 +65,37 @@ def plan_sequence(request: Request) -> list[PlannedJob]:
 
 
 def plan_policies(request: Request, methods: Sequence[str]) -> list[PlannedJob]:
-    """Return the policies of every environment, method and seed as planned jobs."""
+    """Return the policies of every environment, method and seed as planned jobs.
+
+    Raises:
+        OutputExists: a folder holds another training, or one of other code.
+    """
     sizes = request.sizes
-    return [
-        plan_policy(
-            f"{make_environment_name(find_task_file(environment))}: policy {method}, seed {seed}",
-            sizes.frames,
-            sizes.judged,
-            read_result(request.home(environment) / "policies" / sizes.policies / method / f"seed{seed}"),
-        )
-        for environment in request.environments
-        for seed in sizes.seeds
-        for method in methods
-    ]
+    jobs = []
+    for environment in request.environments:
+        name, folder = make_environment_name(find_task_file(environment)), find_policies_folder(request, environment)
+        runs = list_ready_runs(request, environment, methods)
+        results = {(run.method, run.training.seed): read_finished(run) for run in runs}
+        for seed, method in product(sizes.seeds, methods):
+            result = results.get((method, seed), read_result(folder / method / f"seed{seed}"))
+            jobs.append(plan_policy(f"{name}: policy {method}, seed {seed}", sizes.frames, sizes.judged, result))
+    return jobs
+
+
+def list_ready_runs(request: Request, environment: str, methods: Sequence[str]) -> list[Run]:
+    """Return the runs of the methods whose artifacts are complete, checked against their folders.
+
+    Raises:
+        OutputExists: a folder holds another training, or one of other code.
+    """
+    plan = request.plan_material(environment)
+    work = Work(plan, request.home(environment) / request.purpose, request.report, FOLDER)
+    missing = list_missing(list_stages(sorted(list_needed_stages(methods))), work)
+    ready = [method for method in methods if not missing.keys() & METHODS[method].needs]
+    if not ready:
+        return []
+    study = make_study(request, Artifacts(plan, work.folder), ready)
+    return list_runs(study, find_policies_folder(request, environment))
 
 
 def plan_methods(request: Request) -> list[PlannedJob]:
