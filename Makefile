@@ -36,9 +36,8 @@ help:
 demo: $(STAMP)
 	@$(BIN)/nas demo
 
-# Three processes on two cores: many tests wait for servos or files.
 test: check
-	@$(BIN)/python -m pytest -n 3 --dist worksteal
+	@$(BIN)/python -m pytest -n 2 --dist worksteal
 
 test-slow: $(STAMP)
 	@$(BIN)/python -m pytest -m slow
