@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.origin import is_unchanged, load, with_origin
+from nas_data.dataset.origin import find_root, load, with_origin
 from nas_data.errors import OptionError
 from nas_data.gap.model_correction import ModelCorrection
 from nas_data.gap.report import GapReport
@@ -46,8 +46,7 @@ def find_name(dataset: Dataset) -> Path:
 
 def find_folder(dataset: Dataset) -> Path | None:
     """Return the folder of a dataset; None if it only exists in memory, was changed since, or is a part of it."""
-    origin = dataset.origin
-    return origin.root if origin is not None and not dataset.numbers and is_unchanged(dataset, origin) else None
+    return None if dataset.numbers else find_root(dataset)
 
 
 def as_model(model: str | Path, actuators: Actuators = "position") -> str:

@@ -19,7 +19,7 @@ from nas_data.api.learned_model import LearnedModel
 from nas_data.count_of import count_of
 from nas_data.dataset import versions
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.origin import describe_identity, is_unchanged, kept_folders
+from nas_data.dataset.origin import describe_identity, find_root, kept_folders
 from nas_data.errors import DatasetInvalid, ModelFileError
 from nas_data.models.checkpoint import KINDS
 from nas_data.models.evaluation import evaluate as evaluate_predictors
@@ -193,9 +193,8 @@ def check_paired(dataset: Dataset) -> None:
     Raises:
         DatasetInvalid: it is not paired; the message names the command.
     """
-    origin = dataset.origin
-    if origin is not None and origin.root is not None and is_unchanged(dataset, origin):
-        versions.check_paired(origin.root, dataset, "A delta model")
+    if (root := find_root(dataset)) is not None:
+        versions.check_paired(root, dataset, "A delta model")
     if not dataset.paired:
         raise DatasetInvalid(
             "A delta model learns from the source's predictions, which the dataset does not hold: "

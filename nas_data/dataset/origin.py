@@ -117,12 +117,18 @@ def describe_identity(dataset: Dataset) -> dict[str, object]:
     all. Any other dataset is told by its own hash.
     """
     origin = dataset.origin
-    if origin is not None and origin.root is not None and is_unchanged(dataset, origin):
+    if origin is not None and find_root(dataset) is not None:
         told, numbers = origin.parents[0], dataset.numbers
     else:
         named = origin.parents[0].name if origin and origin.parents else dataset.robot_type
         told, numbers = Parent(named, hash_content(dataset)), ()
     return {"name": told.name, "content_hash": told.content_hash, "episodes": list(numbers)}
+
+
+def find_root(dataset: Dataset) -> Path | None:
+    """Return the folder from which a dataset, or a part of it, was read; None if it was made or changed in memory."""
+    origin = dataset.origin
+    return origin.root if origin is not None and is_unchanged(dataset, origin) else None
 
 
 def is_unchanged(dataset: Dataset, origin: Origin) -> bool:

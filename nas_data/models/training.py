@@ -1,6 +1,6 @@
 """Setup of a training of φ or ψ: data split, model, loss and validation error."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
 import numpy as np
@@ -71,7 +71,7 @@ class ModelTraining:
         if simulator is not None and simulator.joints != dataset.joints:
             raise JointMismatch("The simulator and the dataset have different joints.")
         if options.corrects == "command":
-            check_torques(kind, dataset, options, simulator)
+            check_torques(kind, dataset.kinds, options, simulator)
         if options.stiction:
             check_positions(kind, dataset)
         self.options = options
@@ -165,13 +165,13 @@ class ModelTraining:
         return float(compute_one_step_loss(model, batch, mask, self.device))
 
 
-def check_torques(kind: Kind, dataset: Dataset, options: TrainingOptions, simulator: Simulator | None) -> None:
+def check_torques(kind: Kind, commands: Sequence[str], options: TrainingOptions, simulator: Simulator | None) -> None:
     """Check the requirements of a training that corrects torques.
 
     Raises:
         OptionError: the kind is ψ, commands are no torques, the source is missing, or updates are 0.
     """
-    if kind != "delta" or set(dataset.kinds) != {EFFORT}:
+    if kind != "delta" or set(commands) != {EFFORT}:
         reason = "ψ corrects nothing" if kind != "delta" else "this robot does not take torques"
     elif simulator is None or not options.updates:
         reason = "it is trained in free running, which takes the source and --updates"

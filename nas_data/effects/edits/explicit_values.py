@@ -12,6 +12,13 @@ KEPT_RANGE = {
 }  # whose range is inherited; of all others it is that of the control
 MEASURABLE = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 FLAG = mujoco.mjtDisableBit
+CONSTRAINTS = (FLAG.mjDSBL_EQUALITY, FLAG.mjDSBL_FRICTIONLOSS, FLAG.mjDSBL_LIMIT, FLAG.mjDSBL_CONTACT)
+SWITCHED_OFF = (  # flag, attribute of joints and tendons, and its value without the force
+    (FLAG.mjDSBL_SPRING, "stiffness", np.zeros(3)),
+    (FLAG.mjDSBL_DAMPER, "damping", np.zeros(3)),
+    (FLAG.mjDSBL_FRICTIONLOSS, "frictionloss", 0.0),
+    (FLAG.mjDSBL_LIMIT, "limited", mujoco.mjtLimited.mjLIMITED_FALSE),
+)
 
 
 def make_values_explicit(spec: mujoco.MjSpec) -> None:
@@ -20,7 +27,7 @@ def make_values_explicit(spec: mujoco.MjSpec) -> None:
     Later edits then do not change them. An effect may also move a servo to a tendon or to a joint of its own, which has
     no range to inherit, or add a force of a kind that the model switches off.
     """
-    apply_disable_flags(spec)
+    _apply_disable_flags(spec)
     servos = [
         (index, servo) for index, servo in enumerate(spec.actuators) if servo.biasprm[2] > 0 or servo.inheritrange > 0
     ]
@@ -61,28 +68,19 @@ def _move_to_joint(actuator: mujoco.MjsActuator, joint: mujoco.MjsJoint) -> None
     actuator.armature, actuator.damping = 0.0, np.zeros(3)
 
 
-def apply_disable_flags(spec: mujoco.MjSpec) -> None:
+def _apply_disable_flags(spec: mujoco.MjSpec) -> None:
     """Remove the springs, dampers, frictions, limits and equalities that flags of the model switch off, and the flags.
 
     The model moves as before. With the flags, a force that an effect adds would be switched off, too.
     """
-    option, elements = spec.option, (*spec.joints, *spec.tendons)
-    if _take_flag(option, FLAG.mjDSBL_CONSTRAINT):
-        for flag in (FLAG.mjDSBL_EQUALITY, FLAG.mjDSBL_FRICTIONLOSS, FLAG.mjDSBL_LIMIT, FLAG.mjDSBL_CONTACT):
-            option.disableflags |= int(flag)
-    if _take_flag(option, FLAG.mjDSBL_SPRING):
-        for element in elements:
-            element.stiffness = np.zeros(3)
-    if _take_flag(option, FLAG.mjDSBL_DAMPER):
-        for element in elements:
-            element.damping = np.zeros(3)
-    if _take_flag(option, FLAG.mjDSBL_FRICTIONLOSS):
-        for element in elements:
-            element.frictionloss = 0.0
-    if _take_flag(option, FLAG.mjDSBL_LIMIT):
-        for element in elements:
-            element.limited = mujoco.mjtLimited.mjLIMITED_FALSE
-    if _take_flag(option, FLAG.mjDSBL_EQUALITY):
+    if _take_flag(spec.option, FLAG.mjDSBL_CONSTRAINT):
+        for kind in CONSTRAINTS:
+            spec.option.disableflags |= int(kind)
+    for flag, attribute, none in SWITCHED_OFF:
+        if _take_flag(spec.option, flag):
+            for element in (*spec.joints, *spec.tendons):
+                setattr(element, attribute, none)
+    if _take_flag(spec.option, FLAG.mjDSBL_EQUALITY):
         for equality in spec.equalities:
             equality.active = False
 

@@ -1,16 +1,16 @@
 """Figure 6: policy return against the number of recorded trajectories for φ, ψ and named effects."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 
 import numpy as np
 
 from nas_data.count_of import count_of
-from nas_data.dataset.features import EFFORT
 from nas_data.envs.base import find_task_file
 from nas_data.errors import OptionError
 from nas_data.models.symmetry import find_symmetry
+from nas_data.models.training import check_torques
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Comparison
 from nas_data.policies.evaluate import summarise_spread
 from nas_data.policies.intervals import describe_interval, format_median
@@ -103,27 +103,28 @@ def choose_counts(request: Request) -> tuple[tuple[int, ...], tuple[str, ...]]:
     return counts, methods
 
 
-def check_presets(request: Request, methods: tuple[str, ...]) -> None:
-    """Refuse methods whose preset corrects torques, where the arm takes none or its model has no symmetry.
+def check_presets(request: Request, methods: Sequence[str]) -> None:
+    """Refuse methods whose preset cannot be trained on the environment.
 
     Raises:
-        OptionError: a method does not suit the environment.
+        OptionError: a preset corrects torques, where the arm takes none or its model has no symmetry.
+        ModelFileError: the symmetry that the model declares does not hold.
     """
     (environment,) = request.environments
     plan = request.plan_material(environment)
-    for method in set(methods) & set(BY_PRESET):
-        if request.sizes.presets[BY_PRESET[method]].corrects == "state":
+    for method in filter(BY_PRESET.get, methods):
+        options = request.sizes.presets[BY_PRESET[method]]
+        if options.corrects != "command":
             continue
         simulator = plan.task.simulator(plan.source)
         try:
-            suits = set(simulator.kinds) == {EFFORT} and bool(find_symmetry(simulator))
-        except OptionError:  # the model declares no symmetry
-            suits = False
-        if not suits:
+            check_torques("delta", simulator.kinds, options, simulator)
+            if options.symmetric:
+                find_symmetry(simulator)
+        except OptionError as error:
             raise OptionError(
-                f"The method {method} needs an arm that takes torques and whose model declares a symmetry, unlike that "
-                f"of {environment}; use the method nas_few."
-            )
+                f"{method} cannot be trained on {environment}: {error} That is the method nas_few."
+            ) from None
 
 
 def describe(counts: tuple[int, ...], returns: np.ndarray) -> dict[str, object]:

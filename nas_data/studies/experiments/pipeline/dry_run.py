@@ -2,14 +2,13 @@
 
 import json
 from collections.abc import Sequence
-from itertools import product
 from pathlib import Path
 
 from nas_data.count_of import count_of
 from nas_data.environment_ids import make_environment_name
 from nas_data.envs.base import find_task_file
 from nas_data.models.run import HISTORY
-from nas_data.policies.compare import Run, list_runs, read_finished
+from nas_data.policies.compare import list_runs, read_finished
 from nas_data.policies.dry_run import EVALUATION, POLICY_STEP, plan_policy
 from nas_data.policies.policy import read_result
 from nas_data.runs.planned_jobs import PlannedJob
@@ -67,35 +66,25 @@ def plan_sequence(request: Request) -> list[PlannedJob]:
 def plan_policies(request: Request, methods: Sequence[str]) -> list[PlannedJob]:
     """Return the policies of every environment, method and seed as planned jobs.
 
+    Policies of methods whose artifacts are complete are checked against their folders.
+
     Raises:
         OutputExists: a folder holds another training, or one of other code.
     """
-    sizes = request.sizes
     jobs = []
     for environment in request.environments:
-        name, folder = make_environment_name(find_task_file(environment)), find_policies_folder(request, environment)
-        runs = list_ready_runs(request, environment, methods)
-        results = {(run.method, run.training.seed): read_finished(run) for run in runs}
-        for seed, method in product(sizes.seeds, methods):
-            result = results.get((method, seed), read_result(folder / method / f"seed{seed}"))
-            jobs.append(plan_policy(f"{name}: policy {method}, seed {seed}", sizes.frames, sizes.judged, result))
+        plan, folder = request.plan_material(environment), find_policies_folder(request, environment)
+        work = Work(plan, request.home(environment) / request.purpose, request.report, FOLDER)
+        missing = list_missing(list_stages(sorted(list_needed_stages(methods))), work).keys()
+        ready = [method for method in methods if not missing & METHODS[method].needs]
+        runs = list_runs(make_study(request, Artifacts(plan, work.folder), ready), folder) if ready else []
+        policies = [(run.method, run.training.seed, read_finished(run)) for run in runs]
+        policies += [(method, seed, None) for seed in request.sizes.seeds for method in methods if method not in ready]
+        prefix = f"{make_environment_name(find_task_file(environment))}: policy"
+        for method, seed, result in policies:
+            name = f"{prefix} {method}, seed {seed}"
+            jobs.append(plan_policy(name, request.sizes.frames, request.sizes.judged, result))
     return jobs
-
-
-def list_ready_runs(request: Request, environment: str, methods: Sequence[str]) -> list[Run]:
-    """Return the runs of the methods whose artifacts are complete, checked against their folders.
-
-    Raises:
-        OutputExists: a folder holds another training, or one of other code.
-    """
-    plan = request.plan_material(environment)
-    work = Work(plan, request.home(environment) / request.purpose, request.report, FOLDER)
-    missing = list_missing(list_stages(sorted(list_needed_stages(methods))), work)
-    ready = [method for method in methods if not missing.keys() & METHODS[method].needs]
-    if not ready:
-        return []
-    study = make_study(request, Artifacts(plan, work.folder), ready)
-    return list_runs(study, find_policies_folder(request, environment))
 
 
 def plan_methods(request: Request) -> list[PlannedJob]:
