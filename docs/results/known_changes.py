@@ -83,8 +83,8 @@ def write_changed_model(model: Path, edit: Callable[[mujoco.MjSpec], None], file
     return file
 
 
-def change_servo_gains(recordings: Path, out: Path) -> Iterator[Change]:
-    """Yield logs of an XL330 at one P gain, with the named model at another: a register changed on the real servo.
+def import_xl330(recordings: Path, out: Path) -> tuple[dict[int, Path], Path]:
+    """Return the XL330's logs at each P gain as datasets, and the named model of all of them, at `XL330_MODEL_GAIN`.
 
     The register is left out of these datasets, so that it is inferred.
     """
@@ -101,12 +101,26 @@ def change_servo_gains(recordings: Path, out: Path) -> Iterator[Change]:
     for gain in GAINS:
         chosen = [file for file in files if f'"kp": {gain},' in file.read_text("utf-8")]
         logs[gain] = import_logs(chosen, blind, data / f"xl330_{gain}")
+    return logs, base / MODEL
+
+
+def change_servo_gains(recordings: Path, out: Path) -> Iterator[Change]:
+    """Yield logs of an XL330 at one P gain, with the named model at another: a register changed on the real servo."""
+    logs, named = import_xl330(recordings, out)
     for given, changed in permutations(GAINS, 2):
         effect = make_effect("servo_stiffness", "pendulum", {"factor": given / XL330_MODEL_GAIN})
         model = out / "models" / f"xl330_{given}.xml"
-        write_changed_model(base / MODEL, lambda spec, effect=effect: add_effects(spec, [effect]), model)
+        write_changed_model(named, lambda spec, effect=effect: add_effects(spec, [effect]), model)
         truth = make_effect("servo_stiffness", "pendulum", {"factor": changed / given})
         yield Change(f"XL330: P gain {given} to {changed}", logs[changed], model, (logs[given], model), truth)
+
+
+def change_xl330_recordings(recordings: Path, out: Path) -> Iterator[Change]:
+    """Yield logs of an XL330 at the model's P gain with the commands earlier, or with the readings shifted."""
+    logs, named = import_xl330(recordings, out)
+    given = logs[XL330_MODEL_GAIN]
+    for size in range(len(SAMPLES)):
+        yield from change_recording("XL330", given, "pendulum", size, out / "datasets", named)
 
 
 def change_pendulum_model(recordings: Path, out: Path) -> Iterator[Change]:
@@ -149,21 +163,36 @@ def change_so101_recordings(recordings: Path, out: Path) -> Iterator[Change]:
     files = [folder / f"{motion}.npz" for motion in SO101_MOTIONS]
     given = import_logs(files, "so101_npz", data / "so101", "--cut", str(SO101_PIECE))
     investigate(given, folder / "model" / "so101_new_calib_nomesh.xml", base)
+    joints = read(given).joints
+    turns = product(range(len(SAMPLES)), enumerate(joints))  # an unfinished run has all sizes and joints
+    for joint, size in ((joint, (turn + place) % len(SAMPLES)) for turn, (place, joint) in turns):
+        yield from change_recording("SO-101", given, joint, size, data, base / MODEL)
+
+
+def change_recording(robot: str, given: Path, joint: str, size: int, data: Path, model: Path) -> Iterator[Change]:
+    """Yield a recording with the commands of a joint earlier, and with its readings shifted.
+
+    Args:
+        robot: Its name in the table.
+        given: Recording without the change.
+        joint: Joint.
+        size: Place in `SAMPLES` and `DEGREES`.
+        data: Folder of the changed recordings.
+        model: Model of the recording without the change.
+    """
     dataset, provenance = read(given), read_provenance(given)
     assert provenance, "nas import writes it"
-    turns = product(range(len(SAMPLES)), enumerate(dataset.joints))  # an unfinished run has all sizes and joints
-    for joint, size in ((joint, (turn + place) % len(SAMPLES)) for turn, (place, joint) in turns):
-        samples, angle = SAMPLES[size], float(np.radians(DEGREES[size]))
-        for name, changed, truth in (
-            (f"SO-101, commands of {joint} {samples} samples late", make_late(dataset, joint, samples),
-             make_effect("command_delay", joint, {"delay": samples / dataset.fps})),
-            (f"SO-101, readings of {joint} {DEGREES[size]:g}° larger", shift_readings(dataset, joint, angle),
-             make_effect("joint_offset", joint, {"offset": angle})),
-        ):  # fmt: skip
-            target = data / name.replace(",", "").replace(" ", "_").replace("°", "deg")
-            if not target.exists():
-                write(changed, target, provenance)
-            yield Change(name, target, base / MODEL, (given, base / MODEL), truth)
+    samples, angle = SAMPLES[size], float(np.radians(DEGREES[size]))
+    for name, changed, truth in (
+        (f"{robot}, commands of {joint} {samples} samples late", make_late(dataset, joint, samples),
+         make_effect("command_delay", joint, {"delay": samples / dataset.fps})),
+        (f"{robot}, readings of {joint} {DEGREES[size]:g}° larger", shift_readings(dataset, joint, angle),
+         make_effect("joint_offset", joint, {"offset": angle})),
+    ):  # fmt: skip
+        target = data / name.replace(",", "").replace(" ", "_").replace("°", "deg")
+        if not target.exists():
+            write(changed, target, provenance)
+        yield Change(name, target, model, (given, model), truth)
 
 
 def make_late(dataset: Dataset, joint: str, samples: int) -> Dataset:
@@ -208,6 +237,7 @@ def grade(change: Change, report: GapReport) -> dict[str, object]:
 SOURCES: Sequence[Callable[[Path, Path], Iterator[Change]]] = (
     change_servo_gains,
     change_pendulum_model,
+    change_xl330_recordings,
     change_so101_recordings,
 )
 

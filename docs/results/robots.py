@@ -23,9 +23,11 @@ ROBOTS = {  # name in the table: on the page
 }
 METHODS = ("given model", "plain fit", "names", "names / plain fit")
 CHANGES = {  # beginning of the names of known changes: on the page
-    "XL330": "XL330: position gain, one register to another of 100, 200, 400 and 800",
+    "XL330: P gain": "XL330: position gain, one register to another of 100, 200, 400 and 800",
     "double pendulum: mass": "double pendulum: mass of the last link in the model",
     "double pendulum: no": "double pendulum: friction of a joint in the model",
+    "XL330, commands": "XL330: commands 1, 2 or 3 samples late",
+    "XL330, readings": "XL330: readings 1°, 2° or 4° larger",
     "SO-101, commands": "SO-101: commands of a joint 1, 2 or 3 samples late",
     "SO-101, readings": "SO-101: readings of a joint 1°, 2° or 4° larger",
 }
