@@ -89,6 +89,7 @@ class Effect:
         joint: Joint on which it acts; None for the whole arm.
         whole_arm: Whether it may act on the whole arm.
         per_joint: Whether it may act on one joint.
+        per_link: Whether it may act on one link, that of `joint`, and through it on the joints before it.
         in_model: Whether the edited model alone expresses it; otherwise its hook is needed, too.
         replaces: Nominal parameter of its joint that it sets, so that a fit frees only one of both; empty if none.
         distorts: Kind of nominal parameter that a fit without the effect distorts, if `replaces` is empty.
@@ -106,6 +107,7 @@ class Effect:
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     whole_arm: ClassVar[bool] = False
     per_joint: ClassVar[bool] = True
+    per_link: ClassVar[bool] = False
     in_model: ClassVar[bool] = True
     edit_order: ClassVar[int] = 0
     replaces: ClassVar[str] = ""
@@ -117,7 +119,7 @@ class Effect:
     confused_with: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
-        if self.joint is not None and not self.per_joint:
+        if self.joint is not None and not (self.per_joint or self.per_link):
             raise OptionError(f"{self.name()} belongs to the whole arm; leave out joint={self.joint}.")
         for parameter in self.parameters:
             value = getattr(self, parameter.name)
@@ -142,6 +144,11 @@ class Effect:
     def is_neutral(self) -> bool:
         """Whether every parameter has its neutral value."""
         return all(getattr(self, parameter.name) == parameter.neutral for parameter in self.parameters)
+
+    @property
+    def local_joint(self) -> str | None:
+        """Joint in which alone it acts; None if it acts in several."""
+        return self.joint if self.per_joint else None
 
     @property
     def constant_error(self) -> float | None:

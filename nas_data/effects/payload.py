@@ -19,7 +19,10 @@ RADIUS = 0.005  # [m] of the sphere, which gives the body the inertia that MuJoC
 
 @dataclass(frozen=True, kw_only=True)
 class Payload(Effect):
-    """A small sphere on the measured arm's outermost link, at `x`, `y`, `z` from the centre of mass in its frame."""
+    """A small sphere on the arm's outermost link, or the link of `joint`, at `x`, `y`, `z` from its centre of mass.
+
+    `x`, `y` and `z` are in the link's frame. `nas gap` looks for one on each arm of a robot with several arms.
+    """
 
     mass: float
     x: float = 0.0
@@ -32,6 +35,7 @@ class Payload(Effect):
     )
     whole_arm: ClassVar = True
     per_joint: ClassVar = False
+    per_link: ClassVar = True
     distorts: ClassVar = "mass"
     equation: ClassVar = "gravity and inertia of a point mass at the last link's centre of mass + (x, y, z)"
     source: ClassVar = "Rigid-body mechanics"
@@ -45,15 +49,19 @@ class Payload(Effect):
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add the mass, in addition to existing payloads."""
-        link, centre = find_last_centre(spec)
+        link, centre = find_last_centre(spec, self.joint)
         body = link.add_body(name=make_unique_name(spec.body, NAME), explicitinertial=True)
         body.pos = centre + np.array([self.x, self.y, self.z])
         body.mass, body.ipos = self.mass, np.zeros(3)
         body.inertia = np.full(3, 0.4 * self.mass * RADIUS**2)
 
 
-def find_last_centre(spec: mujoco.MjSpec) -> tuple[mujoco.MjsBody, np.ndarray]:
-    """Return the body of the outermost joint of the arm, and the centre of mass of its subtree in its frame [m], (3,).
+def find_last_centre(spec: mujoco.MjSpec, joint: str | None) -> tuple[mujoco.MjsBody, np.ndarray]:
+    """Return the body of a joint, and the centre of mass of its subtree in its frame [m], shape (3,).
+
+    Args:
+        spec: Model.
+        joint: Joint; None for the outermost one.
 
     Raises:
         ModelFileError: the model has no actuated joint.
@@ -65,6 +73,6 @@ def find_last_centre(spec: mujoco.MjSpec) -> tuple[mujoco.MjsBody, np.ndarray]:
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
-    body = int(model.jnt_bodyid[model.joint(find_deepest_joint(spec, joints)).id])
+    body = int(model.jnt_bodyid[model.joint(joint or find_deepest_joint(spec, joints)).id])
     world = data.subtree_com[body] - data.xpos[body]
     return spec.bodies[body], data.xmat[body].reshape(3, 3).T @ world

@@ -121,7 +121,8 @@ def describe_finding(finding: Finding, nominal: Nominal, in_file: bool) -> Named
         in_file: Whether the model file contains the effect.
     """
     effect, slides = finding.effect, nominal.slides
-    unit = find_joint_unit(effect.joint, slides) if effect.joint else group_by_kind(nominal.joints, slides)[0][0]
+    joint = effect.local_joint
+    unit = find_joint_unit(joint, slides) if joint else group_by_kind(nominal.joints, slides)[0][0]
     found = list_parameters(effect, finding.interval, finding.episode_range, slides)
     return NamedEffect(
         name=effect.name(),
@@ -180,7 +181,7 @@ def describe_joints(held: FitTask, naming: Naming, after: np.ndarray) -> Mapping
 
 def find_stability(naming: Naming, joint: str) -> bool | None:
     """Return whether two halves agree on a joint's parameters; None if there is only one recording, or window."""
-    is_named = any(finding.effect.joint == joint for finding in naming.findings)
+    is_named = any(finding.effect.local_joint == joint for finding in naming.findings)
     return naming.stable.get(joint, None if is_named else True)
 
 
@@ -199,7 +200,7 @@ def compute_completeness(ratio: float, limit: float, confidences: Sequence[float
 
 def list_confidences(naming: Naming, joint: str) -> list[float]:
     """Return the confidence of each name of a joint and of the whole arm."""
-    return [finding.confidence for finding in naming.findings if finding.effect.joint in (joint, None)]
+    return [finding.confidence for finding in naming.findings if finding.effect.local_joint in (joint, None)]
 
 
 def find_large(retuned: Sequence[Retuned]) -> tuple[Retuned, ...]:

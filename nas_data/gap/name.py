@@ -187,7 +187,7 @@ def withdraw(search: Search, kept: Hypothesis) -> Hypothesis:
     unknown = {
         joint for joint, left, before in joints if left > UNEXPLAINED_FLOORS and left > UNEXPLAINED_SHARE * before
     }
-    sound = tuple(effect for effect in kept.effects if effect.joint not in unknown)
+    sound = tuple(effect for effect in kept.effects if effect.local_joint not in unknown)
     if len(sound) == len(kept.effects):
         return kept
     left = {effect.name() for effect in sound}
@@ -203,7 +203,7 @@ def assess(search: Search, kept: Hypothesis, final: FinalFit, number: int) -> Fi
     """Compare one effect with its absence and its rivals."""
     effect = kept.effects[number]
     joints = select_joints(search, effect)
-    stable = final.stable.get(effect.joint) if effect.joint else None
+    stable = final.stable.get(effect.local_joint) if effect.local_joint else None
 
     def rate(h: Hypothesis, effect: Effect | None = None, is_equivalent: bool = False) -> Rival:
         return Rival(h, effect, compute_closeness(search, kept, h), rms(h.heldout, joints), is_equivalent)
@@ -244,8 +244,8 @@ def fit_equivalents(search: Search, kept: Hypothesis, number: int) -> list[Hypot
 def select_joints(search: Search, effect: Effect) -> list[int]:
     """Return the indices of the joints that judge an effect: its own, or all of the first kind."""
     joints = search.train.nominal.joints
-    if effect.joint is not None:
-        return [joints.index(effect.joint)]
+    if effect.local_joint is not None:
+        return [joints.index(effect.local_joint)]
     return group_by_kind(joints, search.train.nominal.slides)[0][1].tolist()
 
 

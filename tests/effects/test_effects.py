@@ -328,7 +328,7 @@ def test_mistakes_are_answered_with_choices():
     with pytest.raises(OptionError, match="belongs to a joint"):
         parse("backlash:half_width=0.1")
     with pytest.raises(OptionError, match="whole arm"):
-        parse("payload:joint=m3,mass=0.1")
+        parse("base_tilt:joint=m3,roll=0.1,pitch=0.0")
     with pytest.raises(OptionError, match="not a number"):
         parse("payload:mass=heavy")
     with pytest.raises(JointMismatch, match="m1, m2"):

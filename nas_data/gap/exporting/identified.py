@@ -177,8 +177,8 @@ def _list_joint_quantities(
 def _list_effect_quantities(spec: mujoco.MjSpec, effect: Effect, intervals: Intervals, slide: bool) -> list[Quantity]:
     """Return an effect's parameters; empty for a single parameter that a quantity of the joint includes."""
     several = len(effect.free_parameters) > 1
-    if effect.joint is not None and not several:
-        before, after = (_read_quantities(spec, effect.joint, effects).values() for effects in ([], [effect]))
+    if effect.local_joint is not None and not several:
+        before, after = (_read_quantities(spec, effect.local_joint, effects).values() for effects in ([], [effect]))
         if not all(math.isclose(*pair, rel_tol=ROUNDING) for pair in zip(before, after, strict=True)):
             return []
     return [

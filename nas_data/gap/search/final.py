@@ -145,8 +145,8 @@ def compare_halves(task: FitTask, found: Fit) -> dict[str, bool]:
     agreed: dict[str, bool] = {}
     for column in range(len(found.parameters.effect_parameters)):
         for effect in found.parameters.effects_of(column):
-            if effect.joint is not None:
-                agreed[effect.joint] = agreed.get(effect.joint, True) and bool(apart[column] <= allowed[column])
+            if (joint := effect.local_joint) is not None:
+                agreed[joint] = agreed.get(joint, True) and bool(apart[column] <= allowed[column])
     return agreed
 
 

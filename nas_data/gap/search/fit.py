@@ -8,7 +8,7 @@ import numpy as np
 from nas_data.effects.base import Effect
 from nas_data.gap.search.constants import CONVERGED_GAIN
 from nas_data.gap.search.objective import FitTask, MovedJoints
-from nas_data.gap.search.parameters import STEP, FreeParameters, Label
+from nas_data.gap.search.parameters import STEP, FreeParameters
 from nas_data.gap.search.score import Score
 from nas_data.gap.side_by_side import map_in_parallel
 
@@ -149,15 +149,10 @@ def group_columns(task: FitTask, parameters: FreeParameters, columns: Sequence[i
 
 def find_moved_joints(task: FitTask, parameters: FreeParameters, column: int) -> np.ndarray | None:
     """Return a mask of the joints that a parameter moves, shape (n,); None if unknown."""
-    label = parameters.labels[column]
     if not is_effect_or_freed(parameters, column):
-        return task.moved_by_base.get(label[0])
-    return task.moved_by_joint.get(find_label_joint(label))
-
-
-def find_label_joint(label: Label) -> str | None:
-    """Return the joint of a parameter; None for an effect of the whole arm."""
-    return label[1] if len(label) > 1 else str(label[0]).rsplit(".", 1)[0]
+        return task.moved_by_base.get(parameters.labels[column][0])
+    joint = parameters.find_local_joint(column)
+    return None if joint is None else task.moved_by_joint.get(joint)
 
 
 def is_effect_or_freed(parameters: FreeParameters, column: int) -> bool:

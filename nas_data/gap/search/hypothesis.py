@@ -142,7 +142,7 @@ def is_beyond_prior(h: Hypothesis, base: NominalParameter) -> bool:
 def can_free_base_parameter(h: Hypothesis, effect: Effect) -> bool:
     """Whether a base parameter beyond its prior may compensate for a missing effect."""
     kind = effect.replaces or effect.distorts
-    near = [base for base in h.fit.parameters.base if base.kind == kind and effect.joint in (None, base.joint)]
+    near = [base for base in h.fit.parameters.base if base.kind == kind and effect.local_joint in (None, base.joint)]
     return any(is_beyond_prior(h, base) for base in near)
 
 

@@ -152,6 +152,13 @@ class FreeParameters:
             return ()
         return tuple(self.effects[place] for place in self.effect_parameters[column].effect_indices)
 
+    def find_local_joint(self, column: int) -> str | None:
+        """Return the joint in which alone a column's effect or base parameter acts; None if it acts in several."""
+        effects = self.effects_of(column)
+        if not effects:
+            return self.base[column - len(self.effect_parameters)].joint
+        return effects[0].local_joint if len(effects) == 1 and effects[0].name() not in self.shared else None
+
 
 def select_free_base(
     base: Sequence[NominalParameter], effects: Sequence[Effect], freed: frozenset[str] = frozenset()

@@ -15,7 +15,7 @@ from nas_data.effects.joint_offset import JointOffset
 from nas_data.gap.episode_batch import cut_windows
 from nas_data.gap.nominal_parameters import MAX_LOG_CHANGE, NominalParameter, read_own_value
 from nas_data.gap.search.constants import ERROR_SHARE, MAX_ALTERNATIVES, PRICE, SHORT_WINDOW
-from nas_data.gap.search.fit import Fit, find_label_joint, fit, group_moved_joints, is_effect_or_freed
+from nas_data.gap.search.fit import Fit, fit, group_moved_joints, is_effect_or_freed
 from nas_data.gap.search.hypothesis import Description, Hypothesis, effect_key, reuse_jacobian
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FREED_ONLY, FreeParameters, Label
@@ -175,7 +175,7 @@ def mix_starts(
     far = np.full(len(task.floor), np.inf)
     errors = [far if rows is None else task.misfits(rows).sum(0) for rows in predicted]
     best = dict(zip(task.nominal.joints, np.argmin(errors, axis=0), strict=True))
-    joints = [find_label_joint(label) for label in parameters.labels]
+    joints = [parameters.find_local_joint(column) for column in range(parameters.size)]
     return np.array([starts[best.get(joint or "", 0)][column] for column, joint in enumerate(joints)])
 
 

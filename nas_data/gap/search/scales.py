@@ -13,6 +13,7 @@ from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.poses import POSES, pose_arm
 from nas_data.joint_units import compute_angle_scales
+from nas_data.mjcf.arm_ends import list_arm_ends
 from nas_data.mjcf.lowest_point import find_arm_geoms, find_first_anchor, find_lowest_point
 from nas_data.robots.base import find_deepest_joint
 from nas_data.simulators.controls import find_command, read_length_feedback
@@ -28,16 +29,22 @@ def estimate_scales(nominal: Nominal, evidence: EpisodeBatch, predicted: np.ndar
     """
     model = nominal.simulator().model
     moved = {p.joint: p.bodies for p in nominal.base if p.kind == "mass"}
-    outermost = moved[find_deepest_joint(nominal.spec, tuple(moved))] if moved else ()
-    last = sum(float(nominal.spec.body(name).mass) for name in outermost) or 0.01
+    outermost = find_deepest_joint(nominal.spec, tuple(moved)) if moved else ""
+    ends = list_arm_ends(nominal.spec, nominal.joints)
+
+    def weigh(joint: str) -> float:
+        """Return the mass that the last joint of an arm moves [kg]; for other joints that of the outermost one."""
+        bodies = moved.get(joint if joint in ends else outermost, ())
+        return sum(float(nominal.spec.body(name).mass) for name in bodies) or 0.01
+
     measured, commanded = measure_depths(nominal, evidence)
     return tuple(
         replace(
-            estimate_joint_scales(nominal, model, evidence, predicted, index, last),
+            estimate_joint_scales(nominal, model, evidence, predicted, index, weigh(joint)),
             depth=measured,
             commanded_depth=commanded,
         )
-        for index in range(len(nominal.joints))
+        for index, joint in enumerate(nominal.joints)
     )
 
 

@@ -9,11 +9,13 @@ import numpy as np
 from nas_data import registry
 from nas_data.effects.base import Effect, Scales, find_effect, make_effect
 from nas_data.errors import NasError
+from nas_data.gap.nominal import Nominal
 from nas_data.gap.search.constants import CORRELATION
 from nas_data.gap.search.fit import MAX_STEP, Fit, solve_bounded
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.score import Score
 from nas_data.gap.side_by_side import map_in_parallel
+from nas_data.mjcf.arm_ends import list_arm_ends
 
 STRETCH_BOUNDS = (0.0, 2.0)  # factor s on the change of positions at a guess, to first order
 SIGNED_STRETCH_BOUNDS = (-6.0, 6.0)  # the same for a parameter with either sign
@@ -50,15 +52,18 @@ def average_scales(sizes: Sequence[Scales]) -> Scales:
     return replace(sizes[0], velocity_servo=False, position_servo=False, **means)
 
 
-def generate_candidates(joints: Sequence[str], sizes: Sequence[Scales]) -> Iterator[Effect]:
-    """Yield every effect of the catalogue at every joint and initial guess."""
-    mean = average_scales(sizes)
+def generate_candidates(nominal: Nominal, sizes: Sequence[Scales]) -> Iterator[Effect]:
+    """Yield every effect of the catalogue at every joint, or every arm, and initial guess."""
+    mean, of_joint = average_scales(sizes), dict(zip(nominal.joints, sizes, strict=True))
+    ends = list_arm_ends(nominal.spec, nominal.joints)
+    several = ends if len(ends) > 1 else ()
     for name in registry.list_names("effects"):
         kind = find_effect(name)
-        places: list[tuple[str | None, Scales]] = [*zip(joints, sizes, strict=True)] if kind.per_joint else []
-        places += [(None, mean)] if kind.whole_arm else []
-        for joint, size in places:
-            for values in kind.guesses(size):
+        places: list[str | None] = [*nominal.joints] if kind.per_joint else [*several] if kind.per_link else []
+        if kind.whole_arm and not (kind.per_link and several):
+            places.append(None)
+        for joint in places:
+            for values in kind.guesses(mean if joint is None else of_joint[joint]):
                 given = [p for p in kind.parameters if p.name in values]
                 clipped = {p.name: float(np.clip(values[p.name], p.low, p.high)) for p in given}
                 yield make_effect(name, joint, clipped)
@@ -86,9 +91,9 @@ def screen(
     present = {(effect.name(), effect.joint) for effect in state.effects}
     wanted = [
         effect
-        for effect in generate_candidates(task.nominal.joints, sizes)
+        for effect in generate_candidates(task.nominal, sizes)
         if (effect.name(), effect.joint) not in present
-        and (effect.joint is None or effect.joint in joints)
+        and (effect.local_joint is None or effect.local_joint in joints)
         and (names is None or effect.name() in names)
     ]
     by_joint = {None: average_scales(sizes)} | dict(zip(task.nominal.joints, sizes, strict=True))
@@ -114,12 +119,12 @@ def screen(
 
 def round_local_parameters(state: Fit, effect: Effect) -> Hashable:
     """Return rounded parameters at an effect's joint, on which its change of positions mainly depends."""
-    joint = effect.joint
+    joint = effect.local_joint
 
     def near(name: str | None) -> bool:
         return joint is None or name is None or name == joint
 
-    effects = [(o.name(), o.joint, *round_logs(vars(o))) for o in state.effects if near(o.joint)]
+    effects = [(o.name(), o.joint, *round_logs(vars(o))) for o in state.effects if near(o.local_joint)]
     free = {p.name: state.factors[p.name] for p in state.parameters.base if near(p.joint)}
     return (*effects, *round_logs(free))
 
@@ -138,8 +143,7 @@ def group_effects(task: FitTask, effects: Sequence[Effect]) -> list[list[Effect]
     """
     groups: list[tuple[list[Effect], np.ndarray]] = []
     for effect in effects:
-        known = effect.joint and effect.distorts != "mass"  # a mass also loads other joints
-        seen = task.moved_by_joint.get(effect.joint) if known else None
+        seen = task.moved_by_joint.get(effect.local_joint) if effect.local_joint else None
         if seen is None:
             groups.append(([effect], np.ones(len(task.floor), bool)))
             continue

@@ -33,7 +33,7 @@ def scale_torques(
         spec: Model.
         ratios: Number by which a joint's torques are multiplied, by joint.
     """
-    effects = [scale_effect(effect, spec, ratios.get(effect.joint or "", 1.0)) for effect in description.effects]
+    effects = [scale_effect(effect, spec, ratios.get(effect.local_joint or "", 1.0)) for effect in description.effects]
     scaled = dict(factors)
     for name in description.freed:
         joint, kind = name.rsplit(".", 1)
@@ -66,7 +66,7 @@ def find_sufficient_ratio(effect: Effect, spec: mujoco.MjSpec) -> float | None:
 
     At that ratio a gain has the model's value, or added friction or inertia is no more than the model's own.
     """
-    if effect.joint is None:
+    if effect.joint is None or effect.local_joint is None:
         return None
     value = float(getattr(effect, effect.parameters[0].name))
     if effect.name() in FACTORS:

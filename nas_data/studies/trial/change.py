@@ -30,6 +30,7 @@ class TestedArm:
         radians: Equivalent of a radian at each joint [rad; m], shape (n,); see `joint_units.compute_angle_scales`.
         slides: Names of the slides.
         mass: Mass that is hung on the last link [kg]; 0 for none.
+        loaded: Last joint of the arm on which it is hung; None for a robot with one arm.
     """
 
     __test__ = False  # no test class of pytest
@@ -42,6 +43,7 @@ class TestedArm:
     radians: np.ndarray
     slides: Collection[str] = ()
     mass: float
+    loaded: str | None = None
 
     def measure(self, quantity: Quantity, joint: int) -> float:
         """Return the unit of a change's size [SI]: a quantity of the joint of an index."""
@@ -93,7 +95,8 @@ class KnownChange:
             ChangeNotMade: the size is a multiple of a torque limit that the model lacks, or the effect cannot have it.
         """
         index = 0 if self.joint is None else self.joint % len(arm.joints)
-        joint = None if self.joint is None else arm.joints[index]
+        whole = arm.loaded if find_effect(self.effect).per_link else None
+        joint = whole if self.joint is None else arm.joints[index]
         size = self.size * arm.measure(self.of, index)
         if np.isinf(size):
             raise ChangeNotMade(f"the baseline's model has no torque limit in {joint}")

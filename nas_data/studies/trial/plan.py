@@ -20,7 +20,8 @@ from nas_data.gap.report_effects import EffectName
 from nas_data.gap.workflow import investigate
 from nas_data.gap.write_model import MODEL
 from nas_data.joint_units import compute_angle_scales
-from nas_data.robots.base import read_spec
+from nas_data.mjcf.arm_ends import list_arm_ends
+from nas_data.robots.base import find_deepest_joint, read_spec
 from nas_data.runs.progress import RateLimited
 from nas_data.runs.progress import Report as Say
 from nas_data.runs.stages import INDENT, WIDTH, Stage, StageResult, Work, read_stage, run_stages
@@ -165,6 +166,7 @@ def measure_arm(work: TrialWork) -> TestedArm:
     errors = dataset.columns[ACTION] - dataset.states[:, :n]
     stiffness = np.array([read_servo_stiffness(spec, joint) for joint in dataset.joints])
     limits = np.array([read_torque_limit(spec, joint) for joint in dataset.joints])
+    ends = list_arm_ends(spec, dataset.joints)
     return TestedArm(
         joints=dataset.joints,
         period=1 / dataset.fps,
@@ -174,6 +176,7 @@ def measure_arm(work: TrialWork) -> TestedArm:
         radians=compute_angle_scales(dataset.joints, dataset.slides, np.ptp(dataset.states[:, :n], axis=0)),
         slides=dataset.slides,
         mass=work.plan.recorder.mass,
+        loaded=find_deepest_joint(spec, ends) if len(ends) > 1 else None,
     )
 
 

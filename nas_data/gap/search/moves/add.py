@@ -55,8 +55,8 @@ def add_best(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis]) -> 
     best = useful[0]
     for other in useful[1:]:
         added, before = other.effects[len(kept.effects) :], best.effects[len(kept.effects) :]
-        taken = {effect.joint for effect in before}
-        if len(added) != 1 or added[0].joint in {None, *taken} or None in taken:
+        taken = {effect.local_joint for effect in before}
+        if len(added) != 1 or added[0].local_joint in {None, *taken} or None in taken:
             continue
         both = search.fit_description(best.description.add_effects(*added), best.fit.factors, best.fit, steps=3)
         if both and both.score < best.score:
@@ -92,8 +92,8 @@ def shortlist(found: Sequence[Candidate], kept_loss: float, slack: float) -> lis
     leaders: dict[str | None, Candidate] = {}
     for candidate in found:
         if candidate.loss.nats < kept_loss:
-            leaders.setdefault(candidate.effect.joint, candidate)
-    others = [c for c in found if c.loss.nats < kept_loss + slack and leaders.get(c.effect.joint) is not c]
+            leaders.setdefault(candidate.effect.local_joint, candidate)
+    others = [c for c in found if c.loss.nats < kept_loss + slack and leaders.get(c.effect.local_joint) is not c]
     chosen = [*leaders.values(), *others[: max(SHORTLIST - len(leaders), MAX_ALTERNATIVES)]]
     return sorted(chosen, key=lambda candidate: candidate.loss)
 
@@ -110,7 +110,7 @@ def fit_worst_joints(search: Search, kept: Hypothesis) -> list[Hypothesis]:
     if not worst:
         return []
     found, _ = search.screen_candidates(kept.fit, kept, worst)
-    ranked = fit_candidates(search, kept, kept.fit, [c for c in found if c.effect.joint])
+    ranked = fit_candidates(search, kept, kept.fit, [c for c in found if c.effect.local_joint])
     for h in ranked[:2]:
         search.report("  overlooked?", h)
     return ranked
@@ -149,8 +149,8 @@ def extend_all_joints(
     around: Fit,
 ) -> list[Hypothesis]:
     """Fit the best effects in all joints at once, because servos of one make often lack the same effect."""
-    names = dict.fromkeys(h.effects[-1].name() for h in ranked if h.effects[-1].joint and h.score < kept.score)
-    useful = [c for c in found if c.effect.joint and c.loss.nats < kept_loss - PRICE]
+    names = dict.fromkeys(h.effects[-1].name() for h in ranked if h.effects[-1].local_joint and h.score < kept.score)
+    useful = [c for c in found if c.effect.local_joint and c.loss.nats < kept_loss - PRICE]
     alike = [[c for c in useful if c.effect.name() == name] for name in list(names)[:MAX_LEADERS]]
     fitted = []
     for group in alike:
@@ -184,5 +184,5 @@ def record_rivals(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis]
     ranked = [h for h in ranked if len(h.effects) == len(kept.effects) + 1]
     for h in ranked:
         added = h.effects[-1]
-        near = [o.effects[-1] for o in ranked if o is not h and added.joint in (o.effects[-1].joint, None)]
+        near = [o.effects[-1] for o in ranked if o is not h and added.local_joint in (o.effects[-1].local_joint, None)]
         search.rivals.setdefault(effect_key(added), []).extend(near)

@@ -74,7 +74,7 @@ def select_columns(search: Search, h: Hypothesis) -> list[int]:
     """Return the columns of effects in joints that are far from explained."""
     joints = find_joints_far_above(search, h)
     own = [
-        {effect.joint for effect in h.fit.parameters.effects_of(c)}
+        {effect.local_joint for effect in h.fit.parameters.effects_of(c)}
         for c in range(len(h.fit.parameters.effect_parameters))
     ]
     return [column for column, places in enumerate(own) if places & {*joints} or (joints and None in places)]

@@ -37,8 +37,9 @@ def free_optional_parameters(search: Search, h: Hypothesis, key: tuple[str, str 
     freed = h.description.with_effects([free(one) for one in h.effects])
     if freed.effects == h.effects:
         return
-    if effect.joint is None or len(alike) > 1 or effect.joint in search.find_joints_above_floor(h):
+    own = effect.local_joint
+    if own is None or len(alike) > 1 or own in search.find_joints_above_floor(h):
         yield freed
     for number, other in enumerate(h.effects):
-        if effect.joint and other.joint == effect.joint and other.name() in effect.confused_with:
+        if own and other.joint == own and other.name() in effect.confused_with:
             yield freed.without_effect(number)

@@ -84,16 +84,16 @@ def add_rivals(search: Search, h: Hypothesis, numbers: Sequence[int]) -> None:
     """
     for number in numbers:
         effect = h.effects[number]
-        if effect.joint is None or effect.name() in h.description.shared:
+        if effect.local_joint is None or effect.name() in h.description.shared:
             continue
         known = search.rivals.setdefault(effect_key(effect), [])
         faces_hook = any(is_confusable(effect, other) for other in find_other_forms(effect))
         if len(known) >= MAX_ALTERNATIVES and not faces_hook:
             continue
         without = search.without_effect(h, number) or search.null
-        found, kept_loss = search.screen_candidates(without.fit, h, {effect.joint})
+        found, kept_loss = search.screen_candidates(without.fit, h, {effect.local_joint})
         met = {effect_key(effect), *map(effect_key, known)}
-        near = [c for c in found if c.effect.joint and c.loss.over(kept_loss) < FAR_BEHIND]
+        near = [c for c in found if c.effect.local_joint and c.loss.over(kept_loss) < FAR_BEHIND]
         others = [c.effect for c in near if effect_key(c.effect) not in met]
         known.extend(others[: MAX_ALTERNATIVES - len(known)])
         hooked = [other for other in others if other.in_model != effect.in_model and is_confusable(effect, other)]

@@ -13,8 +13,8 @@ from nas_data.gap.search.search import Search
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
     """Share the parameters of an effect, or separate them again, if the score falls."""
     fewest = min(SIMPLE_SIZE, max(2, len(search.excited)))
-    for name in dict.fromkeys(effect.name() for effect in h.effects if effect.joint):
-        if sum(effect.name() == name and effect.joint is not None for effect in h.effects) < fewest:
+    for name in dict.fromkeys(effect.name() for effect in h.effects if effect.local_joint):
+        if sum(effect.name() == name and effect.local_joint is not None for effect in h.effects) < fewest:
             continue
         changed = h.description.shared ^ {name}
         effects = h.effects if name in h.description.shared else average_parameters(h.effects, name)
@@ -28,9 +28,9 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
 
 def average_parameters(effects: tuple[Effect, ...], name: str) -> list[Effect]:
     """Replace parameters of one kind of effect by their geometric mean, or their mean if signs differ."""
-    alike = [effect for effect in effects if effect.name() == name and effect.joint is not None]
+    alike = [effect for effect in effects if effect.name() == name and effect.local_joint is not None]
     values = {}
     for parameter in alike[0].parameters:
         own = np.array([getattr(effect, parameter.name) for effect in alike], float)
         values[parameter.name] = float(np.exp(np.log(own).mean()) if (own > 0).all() else own.mean())
-    return [make_effect(name, e.joint, values) if e.name() == name and e.joint is not None else e for e in effects]
+    return [make_effect(name, e.joint, values) if e in alike else e for e in effects]

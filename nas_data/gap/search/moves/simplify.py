@@ -38,7 +38,7 @@ def fit_special_cases(search: Search, h: Hypothesis, number: int) -> list[Hypoth
     effect = h.effects[number]
     simpler = [find_effect(name) for name in effect.confused_with]
     names = {kind.name() for kind in simpler if count_parameters(kind) < count_parameters(type(effect))}
-    if effect.joint is None or effect.name() in h.description.shared:
+    if effect.local_joint is None or effect.name() in h.description.shared:
         return []
     starts = [*replace_hook(search, h, number), *fix_optional_parameters(h, number)]
     if names:

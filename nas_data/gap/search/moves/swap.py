@@ -20,11 +20,11 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
         if rest is None:
             continue
         found, kept_loss = search.screen_candidates(
-            rest.fit, h, {effect.joint} if effect.joint else find_joints_beyond_prior(h)
+            rest.fit, h, {effect.local_joint} if effect.local_joint else find_joints_beyond_prior(h)
         )
         found = [c for c in found if c.effect_key != effect_key(effect)]
         own = [c for c in found if can_free_base_parameter(h, c.effect)]
-        near = [c for c in found if c.effect.joint and effect.joint][:MAX_ALTERNATIVES]
+        near = [c for c in found if c.effect.local_joint and effect.local_joint][:MAX_ALTERNATIVES]
         others = [c for c in near if c.loss.over(kept_loss) < FAR_BEHIND and c not in own] + own
         quick = map_in_parallel(partial(fit_briefly, search, rest), others)
         ranked = sorted((o for o in quick if o and not search.ends_with_equivalent(o)), key=lambda other: other.score)
@@ -45,7 +45,8 @@ def find_doubtful(search: Search, h: Hypothesis) -> list[int]:
         dict(zip(search.train.nominal.joints, search.floor_ratios(h), strict=True)),
         find_joints_beyond_prior(h),
     )
-    own = [(rest.get(effect.joint or "", 0.0), effect.joint, number) for number, effect in enumerate(h.effects)]
+    places = [effect.local_joint for effect in h.effects]
+    own = [(rest.get(joint or "", 0.0), joint, number) for number, joint in enumerate(places)]
     above = [
         (left, number) for left, joint, number in own if left > search.at_floor or joint in bent or (bent and not joint)
     ]
