@@ -25,7 +25,7 @@ STILL_SECONDS = 0.5  # [s] around an even spacing in which a window starts at th
 PARTS = (
     "initial_positions", "commands", "measured", "mask", "numbers", "initial_velocities", "estimated_positions",
     "estimated_velocities", "velocity_deviations", "measured_velocities", "initial_loads", "gains", "torque_off_from",
-    "objects", "earlier_commands",
+    "objects", "earlier_commands", "first_rows",
 )  # fmt: skip
 
 
@@ -53,6 +53,7 @@ class EpisodeBatch:
         torque_off_from: Row from which the servos are switched off, shape (E,); T if they stay on.
         earlier_commands: Commands of the L control periods before the first row, shape (E, L, n); NaN if not known.
         objects: Measured states of the model's objects before each command, shape (E, T, m); m is 0 without objects.
+        first_rows: Row of the recorded episode at which each begins, shape (E,).
     """
 
     joints: tuple[str, ...]
@@ -73,6 +74,7 @@ class EpisodeBatch:
     torque_off_from: np.ndarray = field(default_factory=lambda: np.empty(0, int))
     objects: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 0)))
     earlier_commands: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 0)))
+    first_rows: np.ndarray = field(default_factory=lambda: np.empty(0, int))
 
     def __post_init__(self) -> None:
         first, commands = self.initial_positions, self.commands
@@ -87,6 +89,7 @@ class EpisodeBatch:
         self._set_default("torque_off_from", np.full(len(first), commands.shape[1]))
         self._set_default("earlier_commands", np.full((len(first), 0, first.shape[1]), np.nan))
         self._set_default("objects", np.empty((*commands.shape[:2], 0)))
+        self._set_default("first_rows", np.zeros(len(first), int))
 
     def _set_default(self, name: str, value: np.ndarray) -> None:
         """Set a field that was not given."""
@@ -318,6 +321,7 @@ def cut_window(evidence: EpisodeBatch, episode: int, first: int, steps: int) -> 
         torque_off_from=np.clip(part.torque_off_from - first, 0, steps),
         objects=part.objects[:, rows],
         earlier_commands=select_earlier_commands(part, first),
+        first_rows=part.first_rows + first,
     )
 
 
@@ -328,6 +332,23 @@ def select_earlier_commands(episode: EpisodeBatch, row: int) -> np.ndarray:
     if not row:
         return np.full((1, count, known.shape[2]), np.nan)
     return np.concatenate([np.repeat(known[:, :1], count - known.shape[1], axis=1), known], axis=1)
+
+
+def pad_episodes(evidence: EpisodeBatch, rows: int) -> EpisodeBatch:
+    """Return the episodes with at least `rows` rows; added ones repeat the last and count as not recorded."""
+    more = max(0, rows - evidence.commands.shape[1])
+
+    def pad(values: np.ndarray) -> np.ndarray:
+        return np.concatenate([values, np.repeat(values[:, -1:], more, axis=1)], axis=1)
+
+    return replace(
+        evidence,
+        commands=pad(evidence.commands),
+        measured=pad(evidence.measured),
+        mask=np.concatenate([evidence.mask, np.zeros((len(evidence), more), bool)], axis=1),
+        measured_velocities=pad(evidence.measured_velocities),
+        objects=pad(evidence.objects),
+    )
 
 
 def join_episodes(parts: Sequence[EpisodeBatch]) -> EpisodeBatch:

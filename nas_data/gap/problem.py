@@ -1,6 +1,6 @@
 """Input of the workflow: a recording and a model, split into fitted and held-out episodes."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,6 +21,7 @@ from nas_data.gap.gains import with_relative_gains
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.nominal_parameters import FITTED_TOLERANCE
 from nas_data.gap.overlaps import Overlap, exclude_contacts, find_overlaps
+from nas_data.gap.repeated_motion import RepeatedMotion
 from nas_data.gap.search.contrast import Contrast
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.usual_error import UsualError
@@ -143,8 +144,9 @@ class Problem:
     def compare_with(self, baseline: "Problem") -> "Problem":
         """Return the problem of naming what differs from a baseline, which best has the same motions.
 
-        Errors as large as in the baseline, for the motion of the joint in an episode, count as noise. Base parameters
-        have a small tolerance, because they fit the baseline.
+        Errors of the model in the same motion of the baseline are subtracted, as far as both recordings agree. Beyond
+        that, errors as large as in the baseline, for the motion of the joint in an episode, count as noise. Base
+        parameters have a small tolerance, because they fit the baseline.
 
         Args:
             baseline: Recording before a change, with the model that describes it.
@@ -152,10 +154,10 @@ class Problem:
         Raises:
             JointMismatch: it has other joints.
         """
-        joints, before = self.evidence.joints, baseline.evidence.joints
-        if joints != before:
+        joints, others = self.evidence.joints, baseline.evidence.joints
+        if joints != others:
             raise JointMismatch(
-                f"The baseline {baseline.root or 'dataset'} has the joints {', '.join(before)}, and the recording "
+                f"The baseline {baseline.root or 'dataset'} has the joints {', '.join(others)}, and the recording "
                 f"{', '.join(joints)}: give a baseline with the same joints, in the same order."
             )
         tasks = baseline.train.settle(), baseline.held.settle()
@@ -163,11 +165,14 @@ class Problem:
         motions = np.concatenate([task.evidence.motions for task in tasks])
         usual = UsualError.fit(np.sqrt(squares), motions, baseline.train.floor)
         nominal = self.train.nominal.with_tolerance(FITTED_TOLERANCE)
+        before = replace(baseline.train, evidence=baseline.evidence)
+        repeated = [RepeatedMotion.find(task, before) for task in (self.train, self.held)]
         train, held = (
-            replace(task, nominal=nominal, usual_error=usual.predict(task.evidence.motions))
-            for task in (self.train, self.held)
+            same.subtract(replace(task, nominal=nominal), usual)
+            for same, task in zip(repeated, (self.train, self.held), strict=True)
         )
         as_given = self.as_given.with_tolerance(FITTED_TOLERANCE)
+        as_given = replace(as_given, known=(*as_given.known, describe_repeated(repeated, (train, held))))
         contrast = Contrast(replace(tasks[1], usual_error=usual.predict(tasks[1].evidence.motions)))
         return replace(self, train=train, held=held, as_given=as_given, baseline=baseline, contrast=contrast)
 
@@ -180,6 +185,16 @@ class Problem:
         """Return the problem with all contacts of the given model."""
         train, held = (replace(task, nominal=self.as_given) for task in (self.train, self.held))
         return replace(self, train=train, held=held)
+
+
+def describe_repeated(found: Sequence[RepeatedMotion], tasks: Sequence[FitTask]) -> str:
+    """Describe in how many episodes a recording has the motions of its baseline."""
+    numbers = np.concatenate([task.evidence.numbers for task in tasks])
+    is_repeated = np.concatenate([same.correlation.any(axis=1) for same in found])
+    count, total = len(np.unique(numbers[is_repeated])), len(np.unique(numbers))
+    return f"The baseline has the same motion in {count} of {count_of(total, 'episode')}" + (
+        "; errors that the model has there, too, are subtracted." if count else "."
+    )
 
 
 @contextmanager
