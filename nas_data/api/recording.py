@@ -51,6 +51,7 @@ def record(
     quantum: float | None = None,
     velocity_noise: float = 0.0,
     seed: int = 0,
+    noise_seed: int | None = None,
     blind: bool = False,
     engine: str = "mujoco",
     actuators: Actuators = "position",
@@ -75,6 +76,7 @@ def record(
         quantum: Resolution of the measured positions [rad]; 0 for exact readings, None for the robot's.
         velocity_noise: Standard deviation of the measured velocities [rad/s].
         seed: Seed of commands, poses and noise; same seed, same bits.
+        noise_seed: Seed of the noise alone, for the same motion with other noise; None for `seed`.
         blind: Omit the effects from the provenance, to test whether they are found.
         engine: `mujoco` or `bullet`.
         actuators: Actuators for a URDF: `position` servos, or motors (`torque`).
@@ -116,6 +118,7 @@ def record(
         seconds=seconds,
         start=start,
         seed=seed,
+        noise_seed=noise_seed,
         joints=tuple(joints),
         environment=make_environment_id(find_task_file(env)) if env else "",
     )

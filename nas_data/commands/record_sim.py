@@ -58,6 +58,8 @@ class RecordSim(TakesModel):
     """Move only these joints; the others hold their rest position. All by default."""
     seed: int = 0
     """Seed of commands, poses and noise."""
+    noise_seed: int | None = None
+    """Seed of the noise alone, for the same motion with other noise; that of --seed by default."""
     blind: bool = False
     """Omit the effects from the dataset's provenance, to test whether they are found."""
     name: str | None = None
@@ -92,6 +94,7 @@ class RecordSim(TakesModel):
             quantum=self.quantum,
             velocity_noise=self.velocity_noise,
             seed=self.seed,
+            noise_seed=self.noise_seed,
             blind=self.blind,
             engine=self.engine,
             actuators=self.actuators,

@@ -69,6 +69,7 @@ class PlaybackProtocol:
         seconds: Length of each [s].
         start: First pose, `rest` or `random` as in the paper's resets.
         seed: Seed of commands, poses and noise.
+        noise_seed: Seed of the noise alone, for the same motion with other noise; None for `seed`.
         joints: Joints that the excitation moves while the others rest; empty for all.
         environment: Environment that supplies starts and actions instead; empty for none.
     """
@@ -79,12 +80,14 @@ class PlaybackProtocol:
     seconds: float = 3.0
     start: str = "rest"
     seed: int = 0
+    noise_seed: int | None = None
     joints: tuple[str, ...] = ()
     environment: str = ""
 
     def __post_init__(self) -> None:
-        if self.seed < 0:
-            raise OptionError(f"--seed is {self.seed}; it must be 0 or more.")
+        for option, seed in (("seed", self.seed), ("noise-seed", self.noise_seed)):
+            if seed is not None and seed < 0:
+                raise OptionError(f"--{option} is {seed}; it must be 0 or more.")
         if self.file and self.joints:
             raise OptionError(
                 f"--joints has no effect on the commands of {self.file}, which move all joints: leave it out, or let "
@@ -143,6 +146,8 @@ class RecordingSession:
             LogError, JointMismatch, OptionError: the command file does not fit the robot.
         """
         command_rng, pose_rng, noise_rng = np.random.default_rng(protocol.seed).spawn(3)
+        if protocol.noise_seed is not None:
+            noise_rng = np.random.default_rng(protocol.noise_seed).spawn(3)[2]
         commands = [as_stored(rows) for rows in draw_commands(target, protocol, command_rng)]
         starts = draw_starts(target, protocol, len(commands), pose_rng)
         return cls(target, protocol, commands, starts, noise_rng)
@@ -166,7 +171,7 @@ class RecordingSession:
             robot=self.target.robot.name,
             target={**self.target.describe(blind), "settled": self.settled},
             signal={**self.protocol.signal(), **own},
-            seeds=(self.protocol.seed,),
+            seeds=tuple(seed for seed in (self.protocol.seed, self.protocol.noise_seed) if seed is not None),
             contiguous=True,
         )
 

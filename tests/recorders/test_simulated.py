@@ -105,7 +105,10 @@ def test_the_same_seed_gives_the_same_dataset_and_noise_leaves_the_commands_alon
     louder, _ = record("--seed", "7", "--noise", "0.02", out="c")
     other, _ = record("--seed", "8", "--noise", "0.002", out="d")
     assert first.content_hash == again.content_hash
-    assert np.array_equal(one.commands, louder.commands)
+    repeated, _ = record("--seed", "7", "--noise", "0.002", "--noise-seed", "8", out="e")
+    assert np.array_equal(one.commands, louder.commands) and np.array_equal(one.commands, repeated.commands)
+    assert not np.array_equal(one.states, repeated.states)
+    assert np.abs(one.states - repeated.states).max() < 0.02
     assert not np.array_equal(one.states, louder.states)
     assert not np.array_equal(one.commands, other.commands)
 

@@ -1,5 +1,6 @@
 """A simulated arm for a trial: each known change is an effect of the target."""
 
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +27,7 @@ class SimulatedArm:
         seconds: Length of each [s].
         rate: Control rate [Hz]; None for the robot's.
         noise: Standard deviation of the measured positions [rad].
-        seed: Seed of commands and noise.
+        seed: Seed of commands and noise; recordings of changes have the same commands and other noise.
         hung: Mass that is hung on the last link [kg]; None for the mass of that link.
     """
 
@@ -62,7 +63,7 @@ class SimulatedArm:
 
     def record_baseline(self, folder: Path) -> Sequence[str]:
         """Record the arm with its own effects."""
-        return self._record(folder, ())
+        return self._record(folder, (), self.seed)
 
     def record_change(self, folder: Path, change: KnownChange, arm: TestedArm) -> Sequence[str]:
         """Record the arm with a change; see `ArmRecorder.record_change`."""
@@ -71,9 +72,9 @@ class SimulatedArm:
             add_effects(find_robot(self.robot).spec(), [*map(parse, self.effects), expected])
         except ModelFileError as error:
             raise ChangeNotMade(str(error)) from None
-        return self._record(folder, (expected,))
+        return self._record(folder, (expected,), self.seed + zlib.crc32(change.name.encode()))
 
-    def _record(self, folder: Path, changes: Sequence[Effect]) -> Sequence[str]:
+    def _record(self, folder: Path, changes: Sequence[Effect], noise_seed: int) -> Sequence[str]:
         dataset = record(
             self.robot,
             effects=[*self.effects, *changes],
@@ -83,6 +84,7 @@ class SimulatedArm:
             rate=self.rate,
             noise=self.noise,
             seed=self.seed,
+            noise_seed=noise_seed,
             blind=True,
         )
         provenance, _ = describe(dataset)
