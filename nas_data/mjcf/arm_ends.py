@@ -1,4 +1,4 @@
-"""Last joint of each arm of a robot."""
+"""Last joint of each arm of a robot with several."""
 
 from collections.abc import Iterator, Sequence
 
@@ -8,7 +8,9 @@ SHORTEST_ARM = 2  # joints; a shorter branch is a finger of the arm that carries
 
 
 def list_arm_ends(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[str, ...]:
-    """Return the last joint of each arm, in the order of `joints`; a leg is an arm here.
+    """Return the last joint of each arm of a robot with several, in the order of `joints`; empty for one arm.
+
+    A leg is an arm here.
 
     An arm is a chain of at least two joints, from the world or from where it branches off. The fingers of a gripper are
     shorter branches and belong to the arm that carries them, whose last joint is then the one before the fingers.
@@ -33,7 +35,8 @@ def list_arm_ends(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[str, ...]
             carrier = parents[chain[-1]]
             ends.add(joint if len(chain) >= SHORTEST_ARM or carrier is None else carrier)
     carrying = {joint for end in ends for joint in list_previous_joints(parents, end)}
-    return tuple(joint for joint in joints if joint in ends - carrying)
+    found = tuple(joint for joint in joints if joint in ends - carrying)
+    return found if len(found) > 1 else ()
 
 
 def list_previous_joints(parents: dict[str, str | None], joint: str) -> list[str]:

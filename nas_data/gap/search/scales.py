@@ -33,7 +33,7 @@ def estimate_scales(nominal: Nominal, evidence: EpisodeBatch, predicted: np.ndar
     ends = list_arm_ends(nominal.spec, nominal.joints)
 
     def weigh(joint: str) -> float:
-        """Return the mass that the last joint of an arm moves [kg]; for other joints that of the outermost one."""
+        """Return the mass that the outermost joint moves [kg]; of several arms, that of each arm's last joint."""
         bodies = moved.get(joint if joint in ends else outermost, ())
         return sum(float(nominal.spec.body(name).mass) for name in bodies) or 0.01
 
