@@ -28,8 +28,8 @@ def identify(
         model: Model to correct: an MJCF or URDF file, or a robot's name.
         out: Folder of the report; an earlier report in it is replaced. None keeps it in memory: see `GapReport.save`.
         learn: Number of updates to train φ on the remaining gap; 0 for none.
-        baseline: Earlier recording, or its folder. What the model leaves unexplained there counts as noise, so that
-            only what has changed since is named. None names everything.
+        baseline: Earlier recording, or its folder. What the model leaves unexplained there is subtracted from the same
+            motion and counts as noise in others, so that only what has changed since is named. None names everything.
         actuators: Actuators for a URDF: `position` servos, or motors (`torque`).
         progress: Called with progress messages; for example `print`.
 

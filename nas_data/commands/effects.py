@@ -77,8 +77,8 @@ def is_searched(kind: "type[Effect]") -> bool:
 
 
 def list_places(kind: "type[Effect]") -> list[str]:
-    """Return where an effect can act: in a joint, the whole arm, or both."""
-    return ["joint"] * kind.per_joint + ["arm"] * kind.whole_arm
+    """Return where an effect can act: in a joint, on a link, on the whole arm."""
+    return ["joint"] * kind.per_joint + ["link"] * kind.per_link + ["arm"] * kind.whole_arm
 
 
 def read_meaning(kind: "type[Effect]") -> str:

@@ -27,8 +27,9 @@ class Gap(TakesModel):
     """Train φ on the remaining gap with this many updates (minutes), and report its share; it is left out if it does
     not help on held-out episodes. 0 trains none."""
     baseline: Path | None = None
-    """Earlier recording: what the model leaves unexplained there counts as noise, so that only what has changed since
-    is named. Best with the same motions, and the model that `nas gap` wrote for it. By default all is named."""
+    """Earlier recording: what the model leaves unexplained there is subtracted from the same motion and counts as noise
+    in others, so that only what has changed since is named. Give the model that `nas gap` wrote for it. By default all
+    is named."""
 
     def run(self) -> CommandResult:
         """Run all stages."""

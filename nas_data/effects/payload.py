@@ -1,4 +1,4 @@
-"""An unmodelled mass on the last link."""
+"""An unmodelled mass on a link."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,7 +21,8 @@ RADIUS = 0.005  # [m] of the sphere, which gives the body the inertia that MuJoC
 class Payload(Effect):
     """A small sphere on the arm's outermost link, or the link of `joint`, at `x`, `y`, `z` from its centre of mass.
 
-    `x`, `y` and `z` are in the link's frame. `nas gap` looks for one on each arm of a robot with several arms.
+    The centre is that of the link with all that it carries, such as fingers; `x`, `y` and `z` are in the link's frame.
+    `nas gap` looks for one on each arm of a robot with several.
     """
 
     mass: float
@@ -37,7 +38,7 @@ class Payload(Effect):
     per_joint: ClassVar = False
     per_link: ClassVar = True
     distorts: ClassVar = "mass"
-    equation: ClassVar = "gravity and inertia of a point mass at the last link's centre of mass + (x, y, z)"
+    equation: ClassVar = "gravity and inertia of a point mass at the link's centre of mass + (x, y, z)"
     source: ClassVar = "Rigid-body mechanics"
     signature: ClassVar = "Droop that goes with the posture, at every joint below it, and slower acceleration."
     confused_with: ClassVar = ("base_tilt", "servo_stiffness", "rotor_inertia", "torque_limit")

@@ -24,6 +24,7 @@ from nas_data.gap.report_effects import (
     Placebo,
 )
 from nas_data.gap.report_parts import (
+    LESS_BASELINE,
     ArmGap,
     EpisodeNumbers,
     GapErrors,
@@ -83,6 +84,9 @@ def compose(
     large = () if named or added else find_large(retuned)
     verdict = decide_verdict(before, after, named, added + len(large), len(retuned))
     conditioning = float(f"{naming.final.conditioning:.3g}")
+    gap = measure_gap(held, outcome, conditioning)
+    if problem.subtracts_baseline:
+        gap = replace(gap, metric=gap.metric + LESS_BASELINE)
     return GapReport(
         dataset=dataset,
         model=model,
@@ -93,7 +97,7 @@ def compose(
         retuned=retuned,
         joints=describe_joints(held, naming, after),
         unexplained=find_unexplained(held, outcome.after.positions, after, large if verdict == "unexplained" else ()),
-        gap=measure_gap(held, outcome, conditioning),
+        gap=gap,
         conditioning=conditioning,
         shares=measure_shares(held, outcome),
         phi=outcome.learned,

@@ -1,6 +1,6 @@
 """Input of the workflow: a recording and a model, split into fitted and held-out episodes."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -50,6 +50,7 @@ class Problem:
         root: Folder of the dataset; None if it is only in memory.
         baseline: Recording before a change, and the model that describes it; see `compare_with`.
         contrast: Episodes of the baseline in which no hypothesis may gain.
+        subtracts_baseline: Whether errors of the baseline are subtracted, so that errors are those beyond them.
     """
 
     dataset: Dataset
@@ -63,6 +64,7 @@ class Problem:
     root: Path | None
     baseline: "Problem | None" = None
     contrast: Contrast | None = None
+    subtracts_baseline: bool = False
 
     @classmethod
     def load(
@@ -172,9 +174,12 @@ class Problem:
             for same, task in zip(repeated, (self.train, self.held), strict=True)
         )
         as_given = self.as_given.with_tolerance(FITTED_TOLERANCE)
-        as_given = replace(as_given, known=(*as_given.known, describe_repeated(repeated, (train, held))))
+        is_repeated = np.concatenate([same.is_alike for same in repeated])
+        numbers = np.concatenate([self.train.evidence.numbers, self.held.evidence.numbers])
+        as_given = replace(as_given, known=(*as_given.known, describe_repeated(numbers, is_repeated)))
         contrast = Contrast(replace(tasks[1], usual_error=usual.predict(tasks[1].evidence.motions)))
-        return replace(self, train=train, held=held, as_given=as_given, baseline=baseline, contrast=contrast)
+        changed = replace(self, train=train, held=held, as_given=as_given, baseline=baseline, contrast=contrast)
+        return replace(changed, subtracts_baseline=bool(is_repeated.any()))
 
     @cached_property
     def without_registers(self) -> Nominal:
@@ -187,13 +192,14 @@ class Problem:
         return replace(self, train=train, held=held)
 
 
-def describe_repeated(found: Sequence[RepeatedMotion], tasks: Sequence[FitTask]) -> str:
-    """Describe in how many episodes a recording has the motions of its baseline."""
-    numbers = np.concatenate([task.evidence.numbers for task in tasks])
-    is_repeated = np.concatenate([same.correlation.any(axis=1) for same in found])
+def describe_repeated(numbers: np.ndarray, is_repeated: np.ndarray) -> str:
+    """Describe in how many episodes a recording has the motion of its baseline, from episode numbers of windows."""
     count, total = len(np.unique(numbers[is_repeated])), len(np.unique(numbers))
-    return f"The baseline has the same motion in {count} of {count_of(total, 'episode')}" + (
-        "; errors that the model has there, too, are subtracted." if count else "."
+    if not count:
+        return "No episode repeats a motion of the baseline, so that its errors count as noise."
+    return (
+        f"{count} of {count_of(total, 'episode')} repeat a motion of the baseline: what the model leaves there, too, "
+        "is subtracted, in this report's errors and pictures as well."
     )
 
 

@@ -9,6 +9,8 @@ from nas_data.typed_json import as_object
 
 LARGE_FACTOR = 1.251  # the bound of ±25 %, `nominal_parameters.MAX_LOG_CHANGE`, and the rounding of a report's factors
 
+LESS_BASELINE = ", less the errors of the baseline"  # end of the metric if they are subtracted
+
 
 @dataclass(frozen=True, kw_only=True)
 class Retuned:

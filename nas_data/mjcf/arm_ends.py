@@ -8,12 +8,13 @@ SHORTEST_ARM = 2  # joints; a shorter branch is a finger of the arm that carries
 
 
 def list_arm_ends(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[str, ...]:
-    """Return the last joint of each arm of a robot with several, in the order of `joints`; empty for one arm.
+    """Return the last joint of each arm of a robot with several, in the order of `joints`; a leg is an arm here.
 
-    A leg is an arm here.
+    Empty for one arm without fingers, whose last joint is its deepest one.
 
-    An arm is a chain of at least two joints, from the world or from where it branches off. The fingers of a gripper are
-    shorter branches and belong to the arm that carries them, whose last joint is then the one before the fingers.
+    An arm is a chain of at least two joints, from the world or from where it branches off. Branches of one joint, such
+    as the fingers of a gripper, belong to the arm that carries them, whose last joint is then the one before them.
+    Joints on the world alone, such as wheels, are arms only if there are no others.
 
     Args:
         spec: Model.
@@ -28,15 +29,14 @@ def list_arm_ends(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[str, ...]
             joint = previous
             yield joint
 
-    ends = set()
-    for joint in joints:
-        if not children[joint]:
-            chain = list(go_back(joint))
-            carrier = parents[chain[-1]]
-            ends.add(joint if len(chain) >= SHORTEST_ARM or carrier is None else carrier)
+    chains = [list(go_back(joint)) for joint in joints if not children[joint]]
+    long = {chain[0] for chain in chains if len(chain) >= SHORTEST_ARM}
+    short = [parents[chain[-1]] for chain in chains if len(chain) < SHORTEST_ARM]
+    carriers = {joint for joint in short if joint is not None}
+    ends = (long | carriers) or {chain[0] for chain in chains}
     carrying = {joint for end in ends for joint in list_previous_joints(parents, end)}
     found = tuple(joint for joint in joints if joint in ends - carrying)
-    return found if len(found) > 1 else ()
+    return found if len(found) > 1 or any(children[joint] for joint in found) else ()
 
 
 def list_previous_joints(parents: dict[str, str | None], joint: str) -> list[str]:

@@ -133,7 +133,7 @@ def test_the_backlash_is_free_play_in_as_many_joints_as_the_paper_says(task, joi
 
 @pytest.mark.parametrize(
     ("task", "arm", "thing"),
-    [("pusher", "link2", "puck"), ("striker", "upper_link", "ball"), ("ergo_reacher", "link5", None)],
+    [("pusher", "link2", "puck"), ("striker", "upper_arm", "ball"), ("ergo_reacher", "link5", None)],
 )
 def test_the_bigger_gap_is_that_of_the_appendix(task, arm, thing):
     small, big = model_of(task, "backlash"), model_of(task, "bigger-gap")

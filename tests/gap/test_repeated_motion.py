@@ -8,9 +8,11 @@ import pytest
 
 import nas_data as nas
 from nas_data.effects.base import parse
+from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.name import name
 from nas_data.gap.problem import Problem
-from nas_data.gap.repeated_motion import RepeatedMotion
+from nas_data.gap.repeated_motion import RepeatedMotion, find_same_commands
+from nas_data.gap.usual_error import UsualError
 from nas_data.simulators.mujoco import MujocoSimulator
 
 ARM = """<mujoco><compiler angle="radian"/><option timestep="0.002" integrator="implicitfast"/><worldbody>
@@ -53,7 +55,8 @@ def test_a_change_that_is_smaller_than_the_errors_of_the_model_is_named(file: Pa
     (finding,) = name(compared.train, compared.held, contrast=compared.contrast).findings
     assert (finding.effect.name(), finding.effect.joint) == ("joint_offset", "lift")
     assert finding.effect.offset == pytest.approx(0.005, rel=0.1)
-    assert "same motion in 6 of 6 episodes" in " ".join(compared.as_given.known)
+    assert compared.subtracts_baseline
+    assert "6 of 6 episodes repeat a motion of the baseline" in " ".join(compared.as_given.known)
 
 
 def test_errors_of_the_same_motion_are_alike_and_of_another_motion_are_not(file: Path):
@@ -79,3 +82,30 @@ def test_the_noise_of_a_copy_is_not_subtracted(file: Path, shift: float):
     columns = {key: column + shift * (key != "action") for key, column in before.columns.items()}
     copy = replace(before, columns=columns)
     assert not find_repeated(copy, before, file).correlation.any()
+
+
+def test_a_baseline_at_another_rate_has_no_row_of_the_motion(file: Path):
+    before = record(file, 1)
+    repeated = find_repeated(record(file, 2), replace(before, fps=2 * before.fps), file)
+    assert not repeated.correlation.any()
+
+
+def test_rows_that_a_shorter_baseline_lacks_are_left_out(file: Path):
+    before, after = (Problem.of(record(file, noise), file, None) for noise in (1, 2))
+    short = before.evidence.first(ROWS - 5)
+    repeated = RepeatedMotion.find(after.train, replace(before.train, evidence=short))
+    usual = UsualError(np.array([0.01]), np.array([0.0]), after.train.floor)
+    mask = repeated.subtract(after.train, usual).evidence.mask
+    assert repeated.is_alike.all()
+    assert mask[:, :-5].all() and not mask[:, -5:].any()
+
+
+@pytest.mark.parametrize("jitter", [0.0, 1e-3])
+def test_a_joint_that_is_held_does_not_hide_that_a_motion_is_the_same(jitter: float):
+    rng = np.random.default_rng(0)
+    moved = rng.uniform(-1, 1, (3, 40, 1)).repeat(5, axis=1)
+    one, other = (
+        EpisodeBatch(("a", "b"), 0.02, np.zeros((3, 2)), commands, commands, np.ones((3, 200), bool), np.arange(3))
+        for commands in (np.concatenate([moved, jitter * rng.normal(size=moved.shape)], axis=2) for _ in range(2))
+    )
+    assert [find_same_commands(one, number, other) for number in range(3)] == [0, 1, 2]

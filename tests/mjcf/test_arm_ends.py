@@ -17,7 +17,7 @@ FINGERS = body("thumb"), body("finger")
 ROBOTS = {
     "one joint": (body("a"), []),
     "one arm": (body("a", body("b", body("c"))), []),
-    "an arm with fingers": (body("a", body("b", *FINGERS)), []),
+    "an arm with fingers": (body("a", body("b", *FINGERS)), ["b"]),
     "two arms": (body("a", body("b")) + body("c", body("d", body("e"))), ["b", "e"]),
     "two joints in one body": (body("a b") + body("c d"), ["b", "d"]),
     "arms of one joint": (body("a") + body("b"), ["a", "b"]),
@@ -26,7 +26,8 @@ ROBOTS = {
         body("waist", body("a", body("b")), body("c", body("d")), body("head")),
         ["b", "d"],
     ),
-    "an unmeasured joint between": (body("a", body("loose", body("b"))) + body("c"), ["b", "c"]),
+    "an unmeasured joint between": (body("a", body("loose", body("b"))) + body("c", body("d")), ["b", "d"]),
+    "an arm on wheels": (body("a", body("b")) + body("left") + body("right"), []),
 }
 
 

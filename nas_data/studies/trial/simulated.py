@@ -11,6 +11,7 @@ from nas_data.dataset.origin import describe
 from nas_data.dataset.versions import save
 from nas_data.effects.base import Effect, add_effects, parse
 from nas_data.errors import ModelFileError
+from nas_data.mjcf.arm_ends import list_arm_ends
 from nas_data.robots.base import find_deepest_joint, find_robot
 from nas_data.studies.trial.change import ChangeNotMade, KnownChange, TestedArm
 
@@ -54,7 +55,8 @@ class SimulatedArm:
         robot = find_robot(self.robot)
         spec = robot.spec()
         model = spec.compile()
-        body = int(model.joint(find_deepest_joint(spec, robot.joints)).bodyid[0])
+        ends = list_arm_ends(spec, robot.joints) or robot.joints
+        body = int(model.joint(find_deepest_joint(spec, ends)).bodyid[0])
         return float(model.body_subtreemass[body])
 
     def describe(self) -> Mapping[str, object]:
