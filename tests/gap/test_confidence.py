@@ -115,7 +115,7 @@ def test_a_rival_that_contradicts_the_prior_is_not_close(factor, closeness):
 
 def test_a_joint_is_at_most_as_complete_as_its_names_are_certain():
     def find(joint: str | None, confidence: float) -> SimpleNamespace:
-        return SimpleNamespace(effect=SimpleNamespace(joint=joint), confidence=confidence)
+        return SimpleNamespace(effect=SimpleNamespace(local_joint=joint), confidence=confidence)
 
     held = SimpleNamespace(evidence=SimpleNamespace(joints=("m1", "m2", "m3")))
     for arm, expected in (([], [0.6, 0.868, 0.139]), ([find(None, 0.4)], [0.4, 0.4, 0.139])):
