@@ -11,11 +11,17 @@ from matplotlib.figure import Figure
 
 CONCEPTS = Path(__file__).parent / "concepts"
 BLIND_CASES = Path(__file__).parent / "results/blind.parquet"
-SEALED_SEED = 15  # of the sealed run of 200 cases
+SEALED = {15: "mostly effects of the catalogue", 82186: "with a cause outside the catalogue"}  # seeds of sealed runs
 QUANTUM = 0.293  # [°] of an XL-320's encoder: 300° in 1024 steps
 NOISE = 0.08  # [°]
 RATE = 100.0  # [Hz]
-BINS = ((0.0, 0.5, "below 0.5"), (0.5, 0.8, "0.5 to 0.8"), (0.8, 1.01, "0.8 or more"))
+BINS = (
+    (0.0, 0.2, "below\n0.2"),
+    (0.2, 0.5, "0.2 to\n0.5"),
+    (0.5, 0.8, "0.5 to\n0.8"),
+    (0.8, 0.9, "0.8 to\n0.9"),
+    (0.9, 1.01, "0.9 or\nmore"),
+)
 
 
 def draw_noise_floor() -> Figure:
@@ -54,22 +60,26 @@ def draw_objective() -> Figure:
 
 
 def draw_confidence() -> Figure:
-    """Show how many findings of the sealed run were right, by their confidence."""
-    cases = pq.read_table(BLIND_CASES, columns=["confidences"], filters=[("seed", "=", SEALED_SEED)])
-    said = [finding for case in cases["confidences"].to_pylist() for finding in case]
-    figure, axes = pyplot.subplots(figsize=(7, 3.0), layout="constrained")
-    for place, (low, high, _) in enumerate(BINS):
-        right = [finding["right"] for finding in said if low <= finding["confidence"] < high]
-        draw_bar(axes, place, sum(right), len(right))
-    axes.set_xticks(range(len(BINS)), [name for *_, name in BINS])
-    axes.set(ylim=(0, 1.15), ylabel="share of right names", xlabel="stated confidence")
+    """Show how many findings of the sealed runs were right, by their confidence."""
+    figure, panels = pyplot.subplots(1, len(SEALED), figsize=(9, 3.2), sharey=True, layout="constrained")
+    for axes, (seed, title) in zip(panels, SEALED.items(), strict=True):
+        cases = pq.read_table(BLIND_CASES, columns=["confidences"], filters=[("seed", "=", seed)])
+        said = [finding for case in cases["confidences"].to_pylist() for finding in case]
+        for place, (low, high, _) in enumerate(BINS):
+            right = [finding["right"] for finding in said if low <= finding["confidence"] < high]
+            axes.hlines(min(high, 1.0) / 2 + low / 2, place - 0.4, place + 0.4, color="grey", linestyle=":")
+            draw_bar(axes, place, sum(right), len(right))
+        axes.set_xticks(range(len(BINS)), [name for *_, name in BINS])
+        axes.set(ylim=(0, 1.15), xlabel="stated confidence", title=f"{title}, {len(cases)} cases")
+    panels[0].set_ylabel("share of right names")
     return figure
 
 
 def draw_bar(axes: Axes, place: int, right: int, count: int) -> None:
     """Draw the share of right findings, with their number."""
-    axes.bar(place, right / count, width=0.6, color="tab:blue")
-    axes.text(place, right / count + 0.03, f"{right} of {count}", ha="center")
+    share = right / max(count, 1)
+    axes.bar(place, share, width=0.6, color="tab:blue")
+    axes.text(place, share + 0.03, f"{right} of {count}", ha="center")
 
 
 def main() -> None:
