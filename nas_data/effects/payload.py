@@ -9,6 +9,7 @@ import numpy as np
 
 from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.errors import ModelFileError
+from nas_data.mjcf.arm_ends import list_arm_ends
 from nas_data.mjcf.unique_name import make_unique_name
 from nas_data.robots.base import find_deepest_joint, list_arm_joints
 
@@ -62,7 +63,7 @@ def find_last_centre(spec: mujoco.MjSpec, joint: str | None) -> tuple[mujoco.Mjs
 
     Args:
         spec: Model.
-        joint: Joint; None for the outermost one.
+        joint: Joint; None for the outermost last joint of an arm.
 
     Raises:
         ModelFileError: the model has no actuated joint.
@@ -74,6 +75,6 @@ def find_last_centre(spec: mujoco.MjSpec, joint: str | None) -> tuple[mujoco.Mjs
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
-    body = int(model.jnt_bodyid[model.joint(joint or find_deepest_joint(spec, joints)).id])
+    body = int(model.jnt_bodyid[model.joint(joint or find_deepest_joint(spec, list_arm_ends(spec, joints))).id])
     world = data.subtree_com[body] - data.xpos[body]
     return spec.bodies[body], data.xmat[body].reshape(3, 3).T @ world

@@ -1,4 +1,4 @@
-"""Last joint of each arm of a robot with several."""
+"""Last joint of each arm of a robot."""
 
 from collections.abc import Iterator, Sequence
 
@@ -8,9 +8,7 @@ SHORTEST_ARM = 2  # joints; a shorter branch is a finger of the arm that carries
 
 
 def list_arm_ends(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[str, ...]:
-    """Return the last joint of each arm of a robot with several, in the order of `joints`; a leg is an arm here.
-
-    Empty for one arm without fingers, whose last joint is its deepest one.
+    """Return the last joint of each arm of a robot, in the order of `joints`; a leg is an arm here.
 
     An arm is a chain of at least two joints, from the world or from where it branches off. Branches of one joint, such
     as the fingers of a gripper, belong to the arm that carries them, whose last joint is then the one before them.
@@ -35,8 +33,7 @@ def list_arm_ends(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[str, ...]
     carriers = {joint for joint in short if joint is not None}
     ends = (long | carriers) or {chain[0] for chain in chains}
     carrying = {joint for end in ends for joint in list_previous_joints(parents, end)}
-    found = tuple(joint for joint in joints if joint in ends - carrying)
-    return found if len(found) > 1 or any(children[joint] for joint in found) else ()
+    return tuple(joint for joint in joints if joint in ends - carrying)
 
 
 def list_previous_joints(parents: dict[str, str | None], joint: str) -> list[str]:

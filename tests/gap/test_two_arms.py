@@ -75,6 +75,16 @@ def test_a_load_hangs_on_the_arm_of_its_joint(joint: str):
     assert load.pos == pytest.approx([0, 0, -0.1])
 
 
+def test_a_load_of_an_arm_with_fingers_hangs_on_the_link_before_them():
+    finger = '<body><joint name="{}" type="slide"/><geom size=".01" mass=".01"/></body>'
+    links = ARM.format(side="left", place=0, load=finger.format("thumb") + finger.format("finger"))
+    joints = "left_shoulder", "left_elbow", "thumb", "finger"
+    servos = "".join(f'<position joint="{joint}"/>' for joint in joints)
+    spec = mujoco.MjSpec.from_string(f"<mujoco><worldbody>{links}</worldbody><actuator>{servos}</actuator></mujoco>")
+    parse("payload:mass=0.1").edit(spec)
+    assert [body.mass for body in spec.joint("left_elbow").parent.bodies][-1] == pytest.approx(0.1)
+
+
 def test_a_joint_that_the_robot_lacks_is_refused():
     with pytest.raises(JointMismatch, match="names the joint 'wrist'"):
         add_effects(mujoco.MjSpec.from_string(make_robot()), [parse("payload:joint=wrist,mass=0.1")])

@@ -1,4 +1,4 @@
-"""The last joint of each arm of a robot with several."""
+"""The last joint of each arm of a robot."""
 
 import mujoco
 import pytest
@@ -15,8 +15,8 @@ def body(joints: str, *others: str) -> str:
 
 FINGERS = body("thumb"), body("finger")
 ROBOTS = {
-    "one joint": (body("a"), []),
-    "one arm": (body("a", body("b", body("c"))), []),
+    "one joint": (body("a"), ["a"]),
+    "one arm": (body("a", body("b", body("c"))), ["c"]),
     "an arm with fingers": (body("a", body("b", *FINGERS)), ["b"]),
     "two arms": (body("a", body("b")) + body("c", body("d", body("e"))), ["b", "e"]),
     "two joints in one body": (body("a b") + body("c d"), ["b", "d"]),
@@ -27,7 +27,7 @@ ROBOTS = {
         ["b", "d"],
     ),
     "an unmeasured joint between": (body("a", body("loose", body("b"))) + body("c", body("d")), ["b", "d"]),
-    "an arm on wheels": (body("a", body("b")) + body("left") + body("right"), []),
+    "an arm on wheels": (body("a", body("b")) + body("left") + body("right"), ["b"]),
 }
 
 
@@ -39,6 +39,7 @@ def test_each_arm_has_a_last_joint(bodies, ends):
 
 
 @pytest.mark.parametrize("robot", ["ergojr", "so101_follower"])
-def test_a_robot_with_one_arm_has_no_such_joint(robot):
+def test_a_robot_with_one_arm_has_one(robot):
     spec = find_robot(robot).spec()
-    assert list_arm_ends(spec, list_actuated_joints(spec)) == ()
+    joints = list_actuated_joints(spec)
+    assert list_arm_ends(spec, joints) == (joints[-1],)

@@ -29,11 +29,11 @@ def estimate_scales(nominal: Nominal, evidence: EpisodeBatch, predicted: np.ndar
     """
     model = nominal.simulator().model
     moved = {p.joint: p.bodies for p in nominal.base if p.kind == "mass"}
-    outermost = find_deepest_joint(nominal.spec, tuple(moved)) if moved else ""
-    ends = list_arm_ends(nominal.spec, nominal.joints)
+    ends = [joint for joint in list_arm_ends(nominal.spec, nominal.joints) if joint in moved]
+    outermost = find_deepest_joint(nominal.spec, ends or tuple(moved)) if moved else ""
 
     def weigh(joint: str) -> float:
-        """Return the mass that the outermost joint moves [kg]; of several arms, that of each arm's last joint."""
+        """Return the mass that the arm's last joint moves [kg]; of several arms, each last joint has its own."""
         bodies = moved.get(joint if joint in ends else outermost, ())
         return sum(float(nominal.spec.body(name).mass) for name in bodies) or 0.01
 

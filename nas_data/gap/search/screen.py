@@ -56,10 +56,11 @@ def generate_candidates(nominal: Nominal, sizes: Sequence[Scales]) -> Iterator[E
     """Yield every effect of the catalogue at every joint, or every arm, and initial guess."""
     mean, of_joint = average_scales(sizes), dict(zip(nominal.joints, sizes, strict=True))
     ends = list_arm_ends(nominal.spec, nominal.joints)
+    arms = ends if len(ends) > 1 else ()
     for name in registry.list_names("effects"):
         kind = find_effect(name)
-        places: list[str | None] = [*nominal.joints] if kind.per_joint else [*ends] if kind.per_link else []
-        if kind.whole_arm and not (kind.per_link and ends):
+        places: list[str | None] = [*nominal.joints] if kind.per_joint else [*arms] if kind.per_link else []
+        if kind.whole_arm and not (kind.per_link and arms):
             places.append(None)
         for joint in places:
             for values in kind.guesses(mean if joint is None else of_joint[joint]):

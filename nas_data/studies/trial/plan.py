@@ -176,7 +176,7 @@ def measure_arm(work: TrialWork) -> TestedArm:
         radians=compute_angle_scales(dataset.joints, dataset.slides, np.ptp(dataset.states[:, :n], axis=0)),
         slides=dataset.slides,
         mass=work.plan.recorder.mass,
-        loaded=find_deepest_joint(spec, ends) if ends else None,
+        loaded=find_deepest_joint(spec, ends) if len(ends) > 1 else None,
     )
 
 

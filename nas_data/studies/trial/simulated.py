@@ -55,8 +55,8 @@ class SimulatedArm:
         robot = find_robot(self.robot)
         spec = robot.spec()
         model = spec.compile()
-        ends = list_arm_ends(spec, robot.joints) or robot.joints
-        body = int(model.joint(find_deepest_joint(spec, ends)).bodyid[0])
+        last = find_deepest_joint(spec, list_arm_ends(spec, robot.joints))
+        body = int(model.joint(last).bodyid[0])
         return float(model.body_subtreemass[body])
 
     def describe(self) -> Mapping[str, object]:
