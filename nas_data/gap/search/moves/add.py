@@ -55,8 +55,8 @@ def add_best(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis]) -> 
     best = useful[0]
     for other in useful[1:]:
         added, before = other.effects[len(kept.effects) :], best.effects[len(kept.effects) :]
-        taken = {effect.local_joint for effect in before}
-        if len(added) != 1 or added[0].local_joint in {None, *taken} or None in taken:
+        taken = {effect.joint for effect in before}
+        if len(added) != 1 or added[0].joint in {None, *taken} or None in taken:
             continue
         both = search.fit_description(best.description.add_effects(*added), best.fit.factors, best.fit, steps=3)
         if both and both.score < best.score:
@@ -148,9 +148,12 @@ def extend_all_joints(
     kept_loss: float,
     around: Fit,
 ) -> list[Hypothesis]:
-    """Fit the best effects in all joints at once, because servos of one make often lack the same effect."""
-    names = dict.fromkeys(h.effects[-1].name() for h in ranked if h.effects[-1].local_joint and h.score < kept.score)
-    useful = [c for c in found if c.effect.local_joint and c.loss.nats < kept_loss - PRICE]
+    """Fit the best effects in all joints at once, because servos of one make often lack the same effect.
+
+    Loads on several arms need their places to explain as much as other gains in all joints.
+    """
+    names = dict.fromkeys(h.effects[-1].name() for h in ranked if h.effects[-1].joint and h.score < kept.score)
+    useful = [c for c in found if c.effect.joint and c.loss.nats < kept_loss - PRICE]
     alike = [[c for c in useful if c.effect.name() == name] for name in list(names)[:MAX_LEADERS]]
     fitted = []
     for group in alike:
@@ -158,7 +161,8 @@ def extend_all_joints(
             description = add_candidate(kept, around, group[0]).add_effects(*(c.effect for c in group[1:]))
             factors = around.parameters.factors_at(group[0].theta)
             fitted.append(search.fit_description(description, factors, around, steps=4))
-    return [search.fit_further(h) for h in fitted if h]  # many parameters at once need more steps
+    further = [search.fit_further(h) for h in fitted if h]  # many parameters at once need more steps
+    return [optional_parameters.apply(search, h) if h.effects[-1].per_link else h for h in further]
 
 
 def look_ahead(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis]) -> list[Hypothesis]:
