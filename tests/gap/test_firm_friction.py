@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
+from support.mujoco_loop import play
 
 import nas_data as nas
 from nas_data.cli import main
@@ -34,14 +35,7 @@ def record(hidden: str, friction: float = 0.3) -> nas.Dataset:
         asked = sum(0.4 * (np.sin(times * w + p) - np.sin(p)) for w, p in rng.uniform(1.5, 7.0, (3, 2)))
         stop = np.arange(ROWS) // HELD
         asked = np.where((stop % 2 == 1) | (stop == 0), asked[stop * HELD], asked)
-        data = mujoco.MjData(model)
-        mujoco.mj_step(model, data, 300)
-        rows = [data.qpos.copy()]
-        for command in asked:
-            data.ctrl[:] = command
-            mujoco.mj_step(model, data, 10)
-            rows.append(data.qpos.copy())
-        positions.append(np.array(rows) + rng.normal(scale=3e-4, size=(ROWS + 1, 1)))
+        positions.append(play(model, asked[:, None], 300) + rng.normal(scale=3e-4, size=(ROWS + 1, 1)))
         commands.append(asked[:, None])
     return nas.Dataset.from_arrays(positions, commands, rate=RATE, joints=["j"])
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from support.mujoco_loop import play
 
 import nas_data as nas
 from nas_data.effects.base import parse
@@ -33,21 +34,13 @@ def record(arm: str, floor: str, episodes: int = EPISODES, low: frozenset[int] |
     positions, commands = [], []
     times = np.arange(ROWS)[:, None] / RATE
     for number in range(episodes):
-        data = mujoco.MjData(model)
         speeds, phases = rng.uniform(1.0, 4.0, (3, 2)), rng.uniform(0, 2 * np.pi, (3, 2))
         asked = sum(np.sin(times * speed + phase) - np.sin(phase) for speed, phase in zip(speeds, phases, strict=True))
         reach = 0.0 if low is None or number in low else -0.6
         asked = np.clip(asked * [0.35, 0.5] + [0.3 + reach, 0.3] * np.minimum(times / 0.5, 1), -1.2, 1.2)
         asked[:5] = 0.0
         asked = asked[:, : model.nu]
-        data.ctrl[:] = asked[0]
-        mujoco.mj_step(model, data, 500)
-        rows = [data.qpos.copy()]
-        for command in asked:
-            data.ctrl[:] = command
-            mujoco.mj_step(model, data, 10)
-            rows.append(data.qpos.copy())
-        positions.append(np.array(rows) + rng.normal(0, NOISE, (ROWS + 1, model.nu)))
+        positions.append(play(model, asked, 500) + rng.normal(0, NOISE, (ROWS + 1, model.nu)))
         commands.append(asked)
     return nas.Dataset.from_arrays(positions, commands, rate=RATE, joints=("lift", "elbow")[: model.nu])
 

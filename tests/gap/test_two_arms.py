@@ -5,6 +5,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from support.mujoco_loop import play
 
 import nas_data as nas
 from nas_data.effects.base import add_effects, parse
@@ -37,16 +38,9 @@ def record(robot: str) -> nas.Dataset:
     model, rng = mujoco.MjModel.from_xml_string(robot), np.random.default_rng(0)
     positions, commands = [], []
     for _ in range(EPISODES):
-        data = mujoco.MjData(model)
         asked = rng.uniform(-0.8, 0.8, (ROWS // 15, model.nu)).repeat(15, axis=0)
         asked[:5] = 0.0
-        mujoco.mj_step(model, data, 500)
-        rows = [data.qpos.copy()]
-        for command in asked:
-            data.ctrl[:] = command
-            mujoco.mj_step(model, data, 10)
-            rows.append(data.qpos.copy())
-        positions.append(np.array(rows) + rng.normal(0, NOISE, (ROWS + 1, model.nu)))
+        positions.append(play(model, asked, 500) + rng.normal(0, NOISE, (ROWS + 1, model.nu)))
         commands.append(asked)
     return nas.Dataset.from_arrays(positions, commands, rate=RATE, joints=JOINTS)
 
