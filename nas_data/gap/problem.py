@@ -14,7 +14,7 @@ from nas_data.dataset.external import audit_external
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import VERSION, resolve
 from nas_data.errors import DatasetInvalid, JointMismatch
-from nas_data.gap.episode_batch import EpisodeBatch, cut_windows, split_episodes
+from nas_data.gap.episode_batch import EpisodeBatch, split_episodes
 from nas_data.gap.finding.torque_off import keep_torque_on_and_fall
 from nas_data.gap.floor import estimate_noise_floor, measure_step_errors
 from nas_data.gap.gains import with_relative_gains
@@ -25,6 +25,7 @@ from nas_data.gap.repeated_motion import RepeatedMotion
 from nas_data.gap.search.contrast import Contrast
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.usual_error import UsualError
+from nas_data.gap.windows import cut_windows
 from nas_data.log import warn
 from nas_data.pairing import check_fits, warn_of_ranges
 from nas_data.robots.base import TORQUES

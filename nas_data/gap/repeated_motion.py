@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nas_data.gap.episode_batch import EpisodeBatch, cut_window, join_episodes, pad_episodes
+from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.usual_error import UsualError
+from nas_data.gap.windows import cut_window, join_episodes, pad_episodes
 
 SAME_COMMANDS = 0.3  # largest difference of commands, as a share of their standard deviations, of the same motion
 ALIKE = 0.3  # difference of positions, as a share of the motion, with which errors of the model are hardly alike

@@ -17,7 +17,8 @@ from nas_data.dataset.start_velocities import (
     find_start_velocities,
     fit_velocity,
 )
-from nas_data.gap.episode_batch import EpisodeBatch, cut_window
+from nas_data.gap.episode_batch import EpisodeBatch
+from nas_data.gap.windows import cut_window
 from nas_data.pairing import read_initial_states
 
 QUANTUM = np.radians(0.29)  # [rad] XL-320

@@ -20,7 +20,7 @@ from nas_data.effects.base import parse
 from nas_data.envs.base import find_task
 from nas_data.errors import DatasetInvalid
 from nas_data.gap.compose import find_stability
-from nas_data.gap.episode_batch import EpisodeBatch, cut_windows, split_episodes
+from nas_data.gap.episode_batch import EpisodeBatch, split_episodes
 from nas_data.gap.floor import estimate_noise_floor, measure_step_errors
 from nas_data.gap.nominal import Nominal, find_fine_timestep
 from nas_data.gap.nominal_parameters import list_base_parameters
@@ -29,6 +29,7 @@ from nas_data.gap.search.fit import fit, solve_bounded
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters
 from nas_data.gap.verdict import decide_verdict
+from nas_data.gap.windows import cut_windows
 from nas_data.gap.write_model import write_model
 from nas_data.mjcf.bake_inertia import bake_inertia
 from nas_data.recorders.recipe import Recipe

@@ -9,10 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nas_data.effects.base import add_effects, parse
-from nas_data.gap.episode_batch import EpisodeBatch, cut_windows
+from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.search.scales import estimate_scales
 from nas_data.gap.search.screen import STRETCH_BOUNDS, stretch_effect
+from nas_data.gap.windows import cut_windows
 from nas_data.gap.write_model import write_model
 
 ARM = """<mujoco><option timestep="{timestep}" integrator="implicitfast" gravity="0 0 0"/><worldbody>

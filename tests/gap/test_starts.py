@@ -12,13 +12,14 @@ import nas_data as nas
 from nas_data.dataset.features import ENVIRONMENT
 from nas_data.effects.base import Effect, parse
 from nas_data.envs.base import find_task
-from nas_data.gap.episode_batch import EpisodeBatch, cut_window
+from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding.find import find
 from nas_data.gap.finding.joint_gaps import find_joint_gaps
 from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
 from nas_data.gap.search.objective import FitTask
+from nas_data.gap.windows import cut_window
 from nas_data.gap.write_model import write_model
 from nas_data.models.evaluation import evaluate
 from nas_data.recorders.recipe import Recipe

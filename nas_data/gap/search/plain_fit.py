@@ -12,7 +12,6 @@ from nas_data.count_of import count_of
 from nas_data.effects.base import Effect, Scales, find_effect, make_effect
 from nas_data.effects.edits.servo import read_servo_stiffness
 from nas_data.effects.joint_offset import JointOffset
-from nas_data.gap.episode_batch import cut_windows
 from nas_data.gap.nominal_parameters import MAX_LOG_CHANGE, NominalParameter, read_own_value
 from nas_data.gap.search.constants import ERROR_SHARE, MAX_ALTERNATIVES, PRICE, SHORT_WINDOW
 from nas_data.gap.search.fit import Fit, fit, group_moved_joints, is_effect_or_freed
@@ -23,6 +22,7 @@ from nas_data.gap.search.screen import screen
 from nas_data.gap.search.search import Search
 from nas_data.gap.search.share_gain import share_gain
 from nas_data.gap.side_by_side import map_in_parallel
+from nas_data.gap.windows import cut_windows
 
 SHORT_STEPS = 8_000  # most physics steps of one rollout of short windows
 FACTORS = (1.0, 0.3, 0.1, 0.03)  # initial factors of all gains; filters take the first and the last
