@@ -111,6 +111,11 @@ class ArmGap(GapErrors):
     per_joint: Mapping[str, GapErrors] = field(default_factory=dict)
     conditioning: float | None = field(default=None, metadata=OPTIONAL)
 
+    @property
+    def less(self) -> str:
+        """What is subtracted from the errors, as the end of a phrase; empty for nothing."""
+        return LESS_BASELINE if self.metric.endswith(LESS_BASELINE) else ""
+
     def __repr__(self) -> str:
         """Return the errors before and after."""
         return f"ArmGap({self.before:.3g} → {self.after:.3g} {self.unit}, {len(self.per_joint)} joints)"

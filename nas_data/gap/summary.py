@@ -5,7 +5,7 @@ from pathlib import Path
 
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_effects import FittedParameter, NamedEffect
-from nas_data.gap.report_parts import LESS_BASELINE, GapErrors, LearnedCorrection, Unexplained
+from nas_data.gap.report_parts import GapErrors, LearnedCorrection, Unexplained
 from nas_data.joint_units import find_display_unit
 
 VERDICTS = {
@@ -65,9 +65,8 @@ def list_findings(report: GapReport) -> list[str]:
         more = len(by_change) - len(changed)
         lines.append("retuned: " + ", ".join(changed) + (f", and {more} more, in report.html" if more else ""))
     beside = f" of the hinges, {describe_errors(gap.slides)} of the slides" if gap.slides else ""
-    less = LESS_BASELINE if gap.metric.endswith(LESS_BASELINE) else ""
     errors = f"{describe_errors(gap)}{beside}"
-    lines.append(f"open-loop error on held-out episodes{less}: {errors}, in {report.seconds:.0f} s")
+    lines.append(f"open-loop error on held-out episodes{gap.less}: {errors}, in {report.seconds:.0f} s")
     if report.phi:
         lines.append(describe_learned(report.phi))
     if is_from_initial_states(report):

@@ -256,8 +256,9 @@ def describe_missing(report: GapReport) -> str:
 
 
 def describe_drop(report: GapReport) -> str:
-    """Return the errors before and after."""
-    return f"falls from {format_error(report.gap, 'before')} to {format_error(report.gap, 'after')}"
+    """Return the errors before and after, and what is subtracted from both."""
+    drop = f"falls from {format_error(report.gap, 'before')} to {format_error(report.gap, 'after')}"
+    return drop + report.gap.less
 
 
 def describe_places(report: GapReport) -> str:
