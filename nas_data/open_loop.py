@@ -6,9 +6,11 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.start_velocities import find_start_velocities
+from nas_data.dataset.torque_off import find_shutdowns
 from nas_data.pairing import check_fits, read_initial_states
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.initial_states import START_SECONDS, InitialLoad, choose_initial_loads
+from nas_data.simulators.mujoco import MujocoSimulator
 
 ROLLOUT_BATCH = 64
 SHORTEST = 0.8  # shortest over longest rollout in a batch: shorter ones are padded, which wastes simulation
@@ -20,11 +22,14 @@ def roll_out_source(dataset: Dataset, simulator: Simulator) -> list[np.ndarray]:
 
 
 def roll_out_scene(dataset: Dataset, simulator: Simulator) -> list[np.ndarray]:
-    """Roll out as `roll_out_source`, including the dataset's objects; a list of (T, 2n or 2n + m)."""
+    """Roll out as `roll_out_source`, including the dataset's objects; a list of (T, 2n or 2n + m).
+
+    Where the recording's torque is first off, MuJoCo's servos are switched off for the rest of the episode.
+    """
     check_fits(dataset, simulator)
     initial, commands = read_initial_states(dataset, simulator), [dataset.commands[rows] for rows in dataset.episodes()]
     loads = infer_initial_loads(dataset, simulator, initial) if simulator.remembers else None
-    return roll_out_episodes(simulator, initial, commands, loads)
+    return roll_out_episodes(simulator, initial, commands, loads, find_shutdowns(dataset))
 
 
 def infer_initial_loads(dataset: Dataset, simulator: Simulator, initial: np.ndarray) -> np.ndarray:
@@ -47,7 +52,11 @@ def infer_initial_loads(dataset: Dataset, simulator: Simulator, initial: np.ndar
 
 
 def roll_out_episodes(
-    simulator: Simulator, initial: np.ndarray, commands: Sequence[np.ndarray], loads: np.ndarray | None
+    simulator: Simulator,
+    initial: np.ndarray,
+    commands: Sequence[np.ndarray],
+    loads: np.ndarray | None,
+    torque_off_from: np.ndarray | None = None,
 ) -> list[np.ndarray]:
     """Roll out every episode from its initial state; a list of (T, 2n or 2n + m).
 
@@ -56,12 +65,17 @@ def roll_out_episodes(
         initial: First states, shape (E, 2n or 2n + m).
         commands: Commands of each episode, shape (T, n).
         loads: Initial load of each joint (an `InitialLoad`), shape (E, n); the arm's weight if None.
+        torque_off_from: Control steps after which MuJoCo's servos are switched off, shape (E,); never if None.
     """
     lengths = np.array([len(rows) for rows in commands])
     result: list[np.ndarray] = [np.empty(0)] * len(commands)
     for batch in group_by_length(lengths):
         held = None if loads is None else loads[batch]
-        states = simulator.rollout_settled(initial[batch], stack_padded([commands[row] for row in batch]), held)
+        start = initial[batch], stack_padded([commands[row] for row in batch]), held
+        if torque_off_from is not None and isinstance(simulator, MujocoSimulator):
+            states = simulator.rollout_settled(*start, torque_off_from[batch])
+        else:
+            states = simulator.rollout_settled(*start)
         for row, episode in enumerate(batch):
             result[episode] = states[row, : lengths[episode]]
     return result

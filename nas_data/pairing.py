@@ -20,6 +20,7 @@ from nas_data.dataset.features import (
     make_state_feature,
 )
 from nas_data.dataset.start_velocities import find_start_velocities
+from nas_data.dataset.torque_off import find_torque_on
 from nas_data.errors import JointMismatch
 from nas_data.joint_units import compute_angle_scales, find_joint_unit
 from nas_data.log import warn, warn_once
@@ -43,8 +44,9 @@ def pair(dataset: Dataset, simulator: Simulator) -> Dataset:
     """Add `next.observation.sim_state` to a dataset of transitions, and `next.observation.sim_environment_state`.
 
     The source is reset to each measured state with its warm start zeroed, the command is held for one control period,
-    and the joints are read. The result is bit-identical to a plain loop over `mj_step`. Objects of both dataset and
-    source are reset and read with the joints; φ corrects the joints only.
+    and the joints are read. The result is bit-identical to a plain loop over `mj_step`. Where the recording's torque is
+    off, MuJoCo's servos are, too. Objects of both dataset and source are reset and read with the joints; φ corrects the
+    joints only.
 
     Args:
         dataset: Transitions with 2n-states (see `as_transitions`).
@@ -58,13 +60,23 @@ def pair(dataset: Dataset, simulator: Simulator) -> Dataset:
     """
     check_fits(dataset, simulator)
     dataset = with_model_units(dataset, simulator)
-    states, continues = read_scene_states(dataset, simulator), find_continuing_frames(dataset)
-    predicted = simulator.predict(states, dataset.commands, continues).astype(np.float32)
+    predicted = predict_transitions(dataset, simulator).astype(np.float32)
     width = dataset.states.shape[1]
     paired = dataset.with_column(SIM_STATE, make_state_feature(dataset.joints, simulator.slides), predicted[:, :width])
     if predicted.shape[1] == width:
         return paired
     return paired.with_column(SIM_ENVIRONMENT, simulator.object_feature, predicted[:, width:])
+
+
+def predict_transitions(dataset: Dataset, simulator: Simulator, rows: slice = slice(None)) -> np.ndarray:
+    """Return a source's next states of some rows, shape (rows, 2n or 2n + m); see `pair`."""
+    states, commands = read_scene_states(dataset, simulator, rows), dataset.commands[rows]
+    predicted = simulator.predict(states, commands, find_continuing_frames(dataset)[rows])
+    off = ~find_torque_on(dataset)[rows]
+    if off.any() and isinstance(simulator, MujocoSimulator):
+        never = np.zeros(int(off.sum()), int)
+        predicted[off] = simulator.rollout(states[off], commands[off][:, None], torque_off_from=never)[:, 0]
+    return predicted
 
 
 def with_model_units(dataset: Dataset, simulator: Simulator) -> Dataset:
@@ -174,8 +186,7 @@ def check_source(dataset: Dataset, simulator: Simulator) -> None:
     """
     check_fits(dataset, simulator)
     n, rows = len(dataset.joints), slice(0, PROBES)
-    states = read_scene_states(dataset, simulator, rows)
-    predicted = simulator.predict(states, dataset.commands[rows], find_continuing_frames(dataset)[rows])
+    predicted = predict_transitions(dataset, simulator, rows)
     each = np.abs(predicted[:, :n] - dataset.sim_states[rows, :n]).mean(axis=0)
     joint = dataset.joints[int(each.argmax())]
     if not each.mean() < SAME_SOURCE:

@@ -9,11 +9,11 @@ import tyro
 from pages import write_table
 
 from nas_data.dataset.read import read
+from nas_data.dataset.torque_off import keep_torque_on_and_fall
 from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import resolve
 from nas_data.effects.base import Effect, read_effects
 from nas_data.gap.episode_batch import EpisodeBatch
-from nas_data.gap.finding.torque_off import keep_torque_on_and_fall
 from nas_data.gap.floor import estimate_noise_floor
 from nas_data.gap.gains import with_relative_gains
 from nas_data.gap.nominal import Nominal, find_fine_timestep, with_timestep

@@ -19,6 +19,9 @@ from nas_data.api.arguments import (
 from nas_data.api.learned_model import LearnedModel
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import kept_folders
+from nas_data.dataset.position_gains import group_by_gain
+from nas_data.dataset.split import format_episodes
+from nas_data.dataset.torque_off import drop_rows_without_torque, follow_shutdowns
 from nas_data.envs.loop.load_model import check_source
 from nas_data.errors import CheckpointError, ModelFileError, NasError, OptionError
 from nas_data.log import warn
@@ -26,12 +29,13 @@ from nas_data.models import checkpoint
 from nas_data.models.evaluation import PLAIN, Evaluation
 from nas_data.models.evaluation import evaluate as evaluate_predictors
 from nas_data.models.lstm import DynamicsModel
+from nas_data.models.predictions import Predictions, predict
 from nas_data.pairing import warn_of_overlaps, warn_of_ranges
 from nas_data.robots.base import find_robot, list_robot_names
 from nas_data.runs.progress import silence
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.engines import MUJOCO
-from nas_data.simulators.servo_registers import NO_REGISTERS, ServoRegisters
+from nas_data.simulators.servo_registers import ServoRegisters
 from nas_data.sources import SourceModel, locate_source
 
 MODEL = "model"  # name of a model file that is compared with its source
@@ -76,30 +80,74 @@ def evaluate(
         OptionError: no episodes are given, or one twice.
     """
     say = progress or silence
-    alone = is_model(learned)
-    compared = as_models([str(learned), str(learned) if model is None else model], actuators) if alone else None
-    corrected, given = compared or (None, as_optional_model(model, actuators))
-    model_to_test = None if alone else as_learned(learned)
     recorded = as_dataset(dataset, episodes)
-    with checkpoint_folder(model_to_test) as own, kept_folders(recorded) as folders:
-        if model_to_test is not None:
-            checkpoint.check_fits(model_to_test.network, recorded, own[0])
-        source = find_evaluation_source(model_to_test, given, engine, [*own, *folders])
-        known = ServoRegisters.of(recorded) if alone else NO_REGISTERS  # φ corrects the model as given; see `pair`
-        simulator = source.with_registers(known).simulator(recorded) if source else None
+    if is_model(learned):
+        models = as_models([str(learned) if model is None else model, str(learned)], actuators)
+        return evaluate_model(recorded, models, engine, plain_fit, say)
+    return evaluate_learned(
+        recorded, as_learned(learned), as_optional_model(model, actuators), engine, plain_fit, say, count
+    )
+
+
+def evaluate_learned(
+    recorded: Dataset,
+    learned: LearnedModel,
+    given: str | None,
+    engine: str | None,
+    plain_fit: bool,
+    say: Progress,
+    count: Count | None,
+) -> Evaluation:
+    """Compare φ or ψ; see `evaluate`. φ corrects the source as given, without the recording's registers; see `pair`."""
+    with checkpoint_folder(learned) as own, kept_folders(recorded) as folders:
+        checkpoint.check_fits(learned.network, recorded, own[0])
+        source = find_evaluation_source(learned, given, engine, [*own, *folders])
+        powered, left_out = drop_rows_without_torque(recorded)
+        simulator = source.simulator(powered) if source else None
         if simulator is not None and given is not None:
             warn_of_ranges(recorded, find_robot(given))
             warn_of_overlaps(recorded, simulator)
-        others, notes = fit_plain(model_to_test, recorded, source, say) if plain_fit else ({}, ())
-        if corrected is not None and corrected != given:
-            tested = locate_source(corrected, (), (), engine).with_registers(known)
-            others = {**others, MODEL: tested.simulator(recorded)}
-        network = None if model_to_test is None else model_to_test.network
-        found = evaluate_predictors(recorded, simulator, network, count or count_aloud(say), others)
-        if network is not None and simulator is not None and (given is not None or engine is not None):
-            notes = (*notes, *note_other_source(own[0], network, simulator))
-        told = known.describe(find_robot(given)) if given is not None and (engine or MUJOCO) == MUJOCO else ()
-    return replace(found, notes=(*notes, *told))
+        fitted, notes = fit_plain(learned, recorded, source, say) if plain_fit else ({}, ())
+        found = evaluate_predictors(powered, simulator, learned.network, count or count_aloud(say), fitted)
+        if simulator is not None and (given is not None or engine is not None):
+            notes = (*notes, *note_other_source(own[0], learned.network, simulator))
+    return replace(found, notes=(*left_out, *notes))
+
+
+def evaluate_model(
+    recorded: Dataset, models: Sequence[str], engine: str | None, plain_fit: bool, say: Progress
+) -> Evaluation:
+    """Compare a model with the one that it came from; see `evaluate`.
+
+    Both have the recording's registers, each episode its position gain, and no torque where it is off.
+
+    Args:
+        recorded: Transitions.
+        models: The model that it came from, and the model; both may be the same.
+        engine: As for `evaluate`.
+        plain_fit: As for `evaluate`.
+        say: Receives progress messages.
+    """
+    names = zip(("source", MODEL), dict.fromkeys(models), strict=False)  # equal models once
+    sources = {name: locate_source(model, (), (), engine) for name, model in names}
+    is_mujoco = sources["source"].engine == MUJOCO
+    powered, notes = (follow_shutdowns if is_mujoco else drop_rows_without_torque)(recorded)
+    fitted, more = fit_plain(None, recorded, sources["source"], say) if plain_fit else ({}, ())
+    robot, groups = find_robot(models[0]), list(group_by_gain(powered))
+    parts: list[Predictions] = []
+    for places in groups:
+        part = powered.select(places) if len(groups) > 1 else powered
+        known = ServoRegisters.of(part)
+        simulators = {name: source.with_registers(known).simulator(part) for name, source in sources.items()}
+        simulator = simulators.pop("source")
+        if not parts:
+            warn_of_ranges(recorded, robot)
+            warn_of_overlaps(recorded, simulator)
+        parts.append(predict(part, simulator, None, others={**fitted, **simulators}))
+        told = known.describe(robot) if is_mujoco else ()
+        where = f"Episodes {format_episodes(part.episode_numbers)}: " if len(groups) > 1 else ""
+        more = (*more, *(f"{where}{sentence}" for sentence in told))
+    return replace(Evaluation.of(powered, Predictions.join(parts, groups)), notes=(*notes, *more))
 
 
 def note_other_source(folder: Path, network: DynamicsModel, simulator: Simulator) -> list[str]:

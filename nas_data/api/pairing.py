@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from nas_data.api.arguments import Actuators, as_correction, as_dataset, as_model
+from nas_data.count_of import join_items
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import Origin
 from nas_data.dataset.provenance import format_current_time, read_package_versions
@@ -122,13 +123,20 @@ def make_pairs(recorded: Dataset, by: PairingSource) -> Pairing:
 
 def describe_other_registers(recorded: Dataset, robot: Robot) -> str | None:
     """Return a remark on the servo registers of a recording that a source does not have; None if it has all."""
-    changes = ServoRegisters.of(recorded).list_changes(robot)
-    if not changes:
-        return None
-    return (
-        f"the source is paired as given, not as the recording's registers say ({'; '.join(changes)}): φ then learns "
-        "this difference"
-    )
+    registers = ServoRegisters.of(recorded)
+    changes = registers.list_changes(robot)
+    if changes:
+        return (
+            f"the source is paired as given, not as the recording's registers say ({'; '.join(changes)}): φ then "
+            "learns this difference"
+        )
+    if registers.changing:
+        return (
+            "the source is paired as given, although the recording's registers "
+            f"{join_items(registers.changing)} differ between episodes: φ cannot tell them apart; train it on the "
+            "episodes of one setting (--episodes)"
+        )
+    return None
 
 
 def keep_source(

@@ -20,6 +20,7 @@ from nas_data.count_of import count_of
 from nas_data.dataset import versions
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import describe_identity, find_root, kept_folders
+from nas_data.dataset.torque_off import drop_rows_without_torque
 from nas_data.errors import DatasetInvalid, ModelFileError
 from nas_data.models.checkpoint import KINDS
 from nas_data.models.evaluation import evaluate as evaluate_predictors
@@ -161,16 +162,18 @@ def train(dataset: Dataset, request: TrainingRequest) -> LearnedModel:
     notes = [f"derived {key}: {how}" for key, how in (origin.derived if origin else {}).items()]
     provenance: dict[str, object] = {"dataset": describe_identity(dataset), KINDS: list(dataset.kinds)}
     given = as_optional_model(request.model, request.actuators)
+    powered, left_out = drop_rows_without_torque(dataset)
+    notes += left_out
     with kept_folders(dataset) as kept_in:
         simulator, kept = find_training_source(kind, dataset, given, request.engine, kept_in, notes)
         if simulator is not None:
             recorded = origin.provenance.source if origin and given is None else None
             provenance["source"] = recorded or simulator.describe()
-        begin(f"preparing the training on {count_of(dataset.n_episodes, 'episode')}")
-        training = ModelTraining(kind, dataset, request.options, simulator, provenance, request.device)
+        begin(f"preparing the training on {count_of(powered.n_episodes, 'episode')}")
+        training = ModelTraining(kind, powered, request.options, simulator, provenance, request.device)
         run = TrainingRun(training, folder, say, kept)
         notes.append(
-            f"{count_of(dataset.n_episodes, 'episode')}, {count_of(dataset.n_frames, 'transition')}; held out: "
+            f"{count_of(powered.n_episodes, 'episode')}, {count_of(powered.n_frames, 'transition')}; held out: "
             f"{training.split.description}"
         )
         notes.append(

@@ -7,8 +7,8 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.start_velocities import find_start_velocities
+from nas_data.dataset.torque_off import count_rows_with_torque
 from nas_data.errors import DatasetInvalid
-from nas_data.gap.finding.torque_off import count_rows_with_torque
 from nas_data.gap.gains import read_relative_gains
 from nas_data.pairing import read_object_states
 from nas_data.simulators.base import Simulator

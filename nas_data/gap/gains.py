@@ -7,10 +7,11 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import POSITION, Feature
-from nas_data.errors import DatasetInvalid, ModelFileError
+from nas_data.dataset.position_gains import P_GAIN_COLUMN, read_position_gains
+from nas_data.errors import ModelFileError
 from nas_data.robots.base import find_robot
 from nas_data.simulators.register_kinds import P_GAIN
-from nas_data.simulators.servo_registers import P_GAIN_COLUMN, read_stated
+from nas_data.simulators.servo_registers import read_stated
 
 RELATIVE_GAIN = "nas.gain"  # column in memory: register over the model's value
 
@@ -29,14 +30,12 @@ def with_relative_gains(dataset: Dataset, model: str | Path, name: str | Path) -
     """
     if P_GAIN_COLUMN not in dataset.columns or not dataset.n_frames:
         return dataset
-    registers, own = dataset.columns[P_GAIN_COLUMN].astype(float), read_model_registers(model, dataset.joints)
+    registers, own = read_position_gains(dataset, name), read_model_registers(model, dataset.joints)
     if own is None:
-        check_equal_gains(registers, model, name)
+        check_equal_gains(registers[dataset.lengths > 0], model, name)
         return dataset
-    check_registers(dataset, registers, name)
-    n = len(dataset.joints)
-    gains = np.broadcast_to(registers / own, (dataset.n_frames, n))
-    return dataset.with_column(RELATIVE_GAIN, Feature(tuple(joint + POSITION for joint in dataset.joints)), gains)
+    feature = Feature(tuple(joint + POSITION for joint in dataset.joints))
+    return dataset.with_column(RELATIVE_GAIN, feature, np.repeat(registers / own, dataset.lengths, axis=0))
 
 
 def read_relative_gains(dataset: Dataset) -> np.ndarray:
@@ -69,19 +68,3 @@ def check_equal_gains(registers: np.ndarray, model: str | Path, name: str | Path
             f"{name} was recorded at several position gains ({P_GAIN_COLUMN}: {known}), and {model} does not give the "
             f'one of its own gain: add <custom><numeric name="{P_GAIN}" data="…"/></custom> to the model.'
         )
-
-
-def check_registers(dataset: Dataset, registers: np.ndarray, name: str | Path) -> None:
-    """Refuse registers that are not positive or not constant within an episode."""
-    if registers.shape[1] not in (1, len(dataset.joints)):
-        raise DatasetInvalid(
-            f"{P_GAIN_COLUMN} of {name} has {registers.shape[1]} columns; give one for all joints or one for each."
-        )
-    for number, rows in enumerate(dataset.episodes()):
-        values = np.unique(registers[rows], axis=0)
-        if len(values) > 1 or not ((values > 0) & (values < np.inf)).all():
-            known = ", ".join(f"{value:g}" for value in np.unique(values))
-            raise DatasetInvalid(
-                f"{P_GAIN_COLUMN} of episode {number} of {name} is {known}; one gain above 0 for the whole episode is "
-                "needed."
-            )

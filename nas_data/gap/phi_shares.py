@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.torque_off import drop_rows_without_torque
 from nas_data.gap.output_folder import PHI
 from nas_data.gap.report_parts import LearnedCorrection
 from nas_data.joint_units import SHARE, JointUnit, group_by_kind
 from nas_data.metrics import Errors
-from nas_data.models.evaluation import roll_out_model
+from nas_data.models.predictions import roll_out_model
 from nas_data.models.presets import choose_preset, preset
 from nas_data.models.regimes import RegimeErrors
 from nas_data.models.run import TrainingRun
@@ -46,7 +47,8 @@ def learn_correction(
     """
     period = 1 / dataset.fps
     given, written = (load_simulator(model, period, dataset.joints) for model in models)
-    train, held = (pair(dataset.select(list(numbers)), written) for numbers in episodes)
+    parts = (drop_rows_without_torque(dataset.select(list(numbers)))[0] for numbers in episodes)
+    train, held = (pair(part, written) for part in parts)
     shutil.rmtree(folder / PHI, ignore_errors=True)
     options = preset(choose_preset("delta", train.commands_positions), updates=updates)
     training = ModelTraining("delta", train, options, written, {"source": written.describe()})

@@ -11,11 +11,12 @@ import numpy as np
 from nas_data.count_of import count_of
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.external import audit_external
+from nas_data.dataset.position_gains import P_GAIN_COLUMN
 from nas_data.dataset.read import read
+from nas_data.dataset.torque_off import keep_torque_on_and_fall
 from nas_data.dataset.versions import VERSION, resolve
 from nas_data.errors import DatasetInvalid, JointMismatch
 from nas_data.gap.episode_batch import EpisodeBatch, split_episodes
-from nas_data.gap.finding.torque_off import keep_torque_on_and_fall
 from nas_data.gap.floor import estimate_noise_floor, measure_step_errors
 from nas_data.gap.gains import with_relative_gains
 from nas_data.gap.nominal import Nominal
@@ -29,6 +30,7 @@ from nas_data.gap.windows import cut_windows
 from nas_data.log import warn
 from nas_data.pairing import check_fits, warn_of_ranges
 from nas_data.robots.base import TORQUES
+from nas_data.simulators.register_kinds import P_GAIN
 from nas_data.simulators.servo_registers import NO_REGISTERS, ServoRegisters
 
 TRAIN_STEPS = 120_000  # most physics steps of one rollout of all training episodes, about 0.5 s
@@ -126,6 +128,8 @@ class Problem:
                 f"fit and one to test: record more, or {cut}."
             )
         own = ServoRegisters.of(transitions, root)
+        if P_GAIN_COLUMN in transitions.columns:  # simulated episode by episode
+            own = own.without(P_GAIN)
         as_given = Nominal.load(model, evidence, own if own.values or own.changing else registers)
         check_fits(transitions, as_given.simulator())
         overlaps = find_overlaps(as_given, kept)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from nas_data.arrays import thin_evenly
 from nas_data.dataset.content import hash_content
+from nas_data.dataset.position_gains import P_GAIN_COLUMN
 from nas_data.dataset.provenance import read_package_versions, read_provenance
 from nas_data.errors import NasError, OptionError
 from nas_data.gap.compose import Proposal, compose, write_series
@@ -75,19 +76,34 @@ def investigate_problem(
     Raises:
         NasError: the dataset or the model cannot be used.
         OutputExists: the folder holds files that no report wrote and this one would replace.
-        OptionError: the number of updates is negative.
+        OptionError: the number of updates is negative, or φ cannot be learned from this recording.
     """
     began, folder = time.monotonic(), Path(out)
     if learn < 0:
         raise OptionError(f"--learn is {learn}; give 0, which leaves φ out, or a number of updates such as 400.")
     check_output_folder(folder, model)
     problem = load()
+    if learn:
+        check_learnable(problem)
     check_portable(problem.train.nominal.spec, problem.train.nominal.robot.mjcf)
     for sentence in problem.as_given.known:
         say(sentence)
     say("find: where model and recording disagree")
     found = find_gap(problem)
     return name_and_report(problem, found, folder, began, say, learn, propose=propose)
+
+
+def check_learnable(problem: Problem) -> None:
+    """Refuse to learn φ at other position gains than the model's, which it cannot tell apart.
+
+    Raises:
+        OptionError: the recording has such gains.
+    """
+    if (problem.evidence.gains != 1).any():
+        raise OptionError(
+            f"--learn: {problem.names[0]} has other position gains ({P_GAIN_COLUMN}) than {problem.names[1]}, and φ "
+            "cannot tell gains apart: leave out --learn."
+        )
 
 
 def find_gap(problem: Problem) -> GapFindings:

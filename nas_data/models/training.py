@@ -14,10 +14,10 @@ from nas_data.joint_units import SHARE, JointUnit, average_by_kind, group_by_kin
 from nas_data.log import warn
 from nas_data.metrics import Errors
 from nas_data.models.episodes import cut_episodes, join, pad, read_episodes
-from nas_data.models.evaluation import roll_out_model
 from nas_data.models.fitting import CONSTANT, prepare, shrink_shortcut
 from nas_data.models.losses import FreeRunning, Phase, TeacherForcing, compute_one_step_loss
 from nas_data.models.lstm import DynamicsModel, Kind
+from nas_data.models.predictions import roll_out_model
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.split import select_frames, split_validation
 from nas_data.models.stateful_source import predict_with_memory

@@ -179,11 +179,18 @@ class MujocoSimulator:
         return np.concatenate(parts) if parts else np.empty((0, commands.shape[1], initial.shape[1]))
 
     def rollout_settled(
-        self, initial: np.ndarray, commands: np.ndarray, initial_loads: np.ndarray | None = None
+        self,
+        initial: np.ndarray,
+        commands: np.ndarray,
+        initial_loads: np.ndarray | None = None,
+        torque_off_from: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Simulate whole episodes of an arm that starts settled under a load; see `Simulator.rollout_settled`."""
+        """Simulate whole episodes of an arm that starts settled under a load; see `Simulator.rollout_settled`.
+
+        `torque_off_from` is that of `rollout`.
+        """
         loads = np.full(commands.shape[::2], InitialLoad.GRAVITY) if initial_loads is None else initial_loads
-        return self.rollout(initial, commands, loads)
+        return self.rollout(initial, commands, loads, torque_off_from)
 
     def stepper(self, size: int) -> MujocoStepper:
         """Return a batch of simulations for closed loops, on one thread (more threads pay off only beyond 64)."""

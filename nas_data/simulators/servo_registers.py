@@ -9,6 +9,7 @@ import mujoco
 
 from nas_data.count_of import join_items
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.position_gains import P_GAIN_COLUMN, read_position_gains
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.target_episodes import read_history
 from nas_data.effects.edits.explicit_values import make_values_explicit
@@ -17,7 +18,6 @@ from nas_data.robots.base import ConsecutiveEdits, Robot
 from nas_data.simulators.register_changes import Setting
 from nas_data.simulators.register_kinds import KINDS, P_GAIN, TORQUE, RegisterKind
 
-P_GAIN_COLUMN = "nas.p_gain"  # of a dataset: P register of the servos, one for all joints or one each
 Values = Mapping[str, Mapping[str, float]]  # by register and joint
 
 
@@ -35,7 +35,7 @@ class ServoRegisters:
 
     @classmethod
     def of(cls, dataset: Dataset, root: Path | None = None) -> "ServoRegisters":
-        """Return the registers of a recording; position gains that its frames hold are left to `gap.gains`.
+        """Return the registers of a recording: those of its provenance, and position gains that its frames hold.
 
         Args:
             dataset: The recording.
@@ -43,7 +43,13 @@ class ServoRegisters:
         """
         provenance = dataset.origin.provenance if dataset.origin else read_provenance(root) if root else None
         registers = cls.read(provenance, dataset.joints)
-        return registers.without(P_GAIN) if P_GAIN_COLUMN in dataset.columns else registers
+        if P_GAIN_COLUMN not in dataset.columns or not dataset.n_frames:
+            return registers
+        registers, gains = registers.without(P_GAIN), read_position_gains(dataset)[dataset.lengths > 0]
+        if (gains != gains[0]).any():
+            return replace(registers, changing=(*registers.changing, P_GAIN))
+        found = dict(zip(dataset.joints, gains[0].tolist(), strict=True))
+        return replace(registers, values={**registers.values, P_GAIN: found})
 
     @classmethod
     def read(cls, provenance: Provenance | None, joints: Sequence[str]) -> "ServoRegisters":

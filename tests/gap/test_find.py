@@ -11,6 +11,7 @@ from support.recording_samples import recorded_on, wander
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, TIME, Feature, make_time_feature
+from nas_data.dataset.torque_off import TORQUE, keep_torque_on
 from nas_data.dataset.transitions import estimate_velocities
 from nas_data.effects.base import parse
 from nas_data.errors import DatasetInvalid
@@ -23,7 +24,6 @@ from nas_data.gap.finding.regimes import (
     correct_holm,
     count_episodes_needed,
 )
-from nas_data.gap.finding.torque_off import TORQUE, keep_torque_on
 from nas_data.gap.floor import estimate_noise_floor
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.write_model import write_model

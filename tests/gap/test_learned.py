@@ -20,7 +20,7 @@ from nas_data.gap.summary import describe_learned, list_findings, summarise
 from nas_data.gap.workflow import train_on_top
 from nas_data.gap.write_model import write_model
 from nas_data.models.checkpoint import find_checkpoint, load_for_inference
-from nas_data.models.evaluation import roll_out_model
+from nas_data.models.predictions import roll_out_model
 from nas_data.models.presets import preset
 from nas_data.simulators.mujoco import MujocoSimulator
 

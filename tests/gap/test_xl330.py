@@ -14,16 +14,16 @@ from support.import_samples import REALDATA
 from nas_data.cli import main
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import Feature
+from nas_data.dataset.position_gains import P_GAIN_COLUMN
+from nas_data.dataset.torque_off import TORQUE, find_run_and_fall, keep_torque_on_and_fall
 from nas_data.effects.base import add_effects, parse, read_effects
 from nas_data.errors import DatasetInvalid, ModelFileError
 from nas_data.gap.episode_batch import EpisodeBatch
-from nas_data.gap.finding.torque_off import TORQUE, find_run_and_fall, keep_torque_on_and_fall
 from nas_data.gap.gains import with_relative_gains
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
 from nas_data.gap.windows import cut_window
 from nas_data.simulators.mujoco import SERVO_GROUP, MujocoSimulator
-from nas_data.simulators.servo_registers import P_GAIN_COLUMN
 
 RESULTS = Path(__file__).parents[2] / "docs/results"
 MODEL = RESULTS / "xl330.xml"

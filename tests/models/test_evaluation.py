@@ -17,7 +17,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, make_position_feature, make_state_feature
 from nas_data.errors import JointMismatch
 from nas_data.metrics import Errors, format_error_table
-from nas_data.models import evaluation as evaluation_module
+from nas_data.models import predictions
 from nas_data.models.evaluation import Evaluation, evaluate
 from nas_data.pairing import pair
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -353,13 +353,13 @@ def test_torch_has_one_thread_while_models_are_evaluated(monkeypatch):
     import torch
 
     seen = []
-    monkeypatch.setattr(evaluation_module, "find_divergences", lambda *_: seen.append(torch.get_num_threads()) or {})
+    monkeypatch.setattr(predictions, "begin", lambda _: seen.append(torch.get_num_threads()))
     before = torch.get_num_threads()
     torch.set_num_threads(2)
     try:
         evaluate(tiny(), ARM, silent(network("delta", ("a", "b"))))
         assert set(seen) == {1}
-        evaluation_module.roll_out_model(
+        predictions.roll_out_model(
             tiny(), None, silent(network("forward", ("a", "b"))), lambda *_: seen.append(torch.get_num_threads())
         )
         assert set(seen) == {1}

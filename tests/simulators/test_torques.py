@@ -16,12 +16,13 @@ from nas_data.envs.base import find_task
 from nas_data.errors import ModelFileError, OptionError
 from nas_data.models.augmented import LearnedStepper
 from nas_data.models.checkpoint import load_for_inference
-from nas_data.models.evaluation import evaluate, predict_one_step, roll_out_model
+from nas_data.models.evaluation import evaluate
 from nas_data.models.inference.base import prepare_inference
 from nas_data.models.inference.onnx_network import OnnxTorques
 from nas_data.models.inference.torch_network import TorchNetwork
 from nas_data.models.jacobians import estimate_command_jacobians
 from nas_data.models.lstm import DynamicsModel
+from nas_data.models.predictions import predict_one_step, roll_out_model
 from nas_data.models.presets import preset
 from nas_data.models.run import TrainingRun
 from nas_data.models.symmetry import Symmetry, find_symmetry, measure_asymmetry

@@ -8,8 +8,8 @@ import torch
 from torch import nn
 
 from nas_data.dataset.features import EFFORT, POSITION, Feature
-from nas_data.models.evaluation import StaticStepper
 from nas_data.models.lstm import DynamicsModel
+from nas_data.models.predictions import StaticStepper
 
 
 def network(kind="delta", joints=("m1", "m2"), seed=0, **options) -> DynamicsModel:

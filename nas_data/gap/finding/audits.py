@@ -13,10 +13,10 @@ from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import TIME
 from nas_data.dataset.recording import has_derived_velocities
+from nas_data.dataset.torque_off import TORQUE, find_torque_on, keep_torque_on
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding.conditions import Loads
 from nas_data.gap.finding.recorded import RESTING_FLOORS, RecordedRows
-from nas_data.gap.finding.torque_off import TORQUE, find_torque_on, keep_torque_on
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.overlaps import Overlap
 from nas_data.gap.report_parts import Check

@@ -10,6 +10,7 @@ from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.external import add_remedy
 from nas_data.dataset.provenance import read_provenance
+from nas_data.dataset.torque_off import keep_torque_on
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding import audits
 from nas_data.gap.finding.audits import find_unmoved_joints, join_chosen
@@ -18,7 +19,6 @@ from nas_data.gap.finding.conditions import ConditionInputs, find_loads, list_co
 from nas_data.gap.finding.joint_gaps import find_joint_gaps
 from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.finding.regimes import count_episodes_needed, find_regimes
-from nas_data.gap.finding.torque_off import keep_torque_on
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.overlaps import Overlap
 from nas_data.gap.report_parts import Bin, Check, GapFindings

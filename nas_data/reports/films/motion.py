@@ -9,10 +9,12 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import kept_folders
+from nas_data.dataset.torque_off import keep_torque_on, keep_torque_on_and_fall
 from nas_data.effects.base import add_effects
 from nas_data.joint_units import JointUnit, group_by_kind
 from nas_data.open_loop import roll_out_scene
 from nas_data.pairing import read_initial_states, read_object_states, with_model_units
+from nas_data.simulators.engines import MUJOCO
 from nas_data.simulators.mujoco import MujocoSimulator
 from nas_data.simulators.servo_registers import ServoRegisters
 from nas_data.sources import SourceModel, locate_source
@@ -86,6 +88,8 @@ class Motion:
 def follow(dataset: Dataset, episode: int, models: Sequence[str] = (), engine: str | None = None) -> Motion:
     """Simulate models under the commands of an episode in open loop, with the recording's registers as in `evaluate`.
 
+    The film ends where the torque comes back on, with PyBullet where it is switched off.
+
     Args:
         dataset: Transitions of the episode alone.
         episode: Its number in the recording.
@@ -100,6 +104,8 @@ def follow(dataset: Dataset, episode: int, models: Sequence[str] = (), engine: s
         sources = [locate_source(model, (), folders, engine) for model in models or (None,)]
         if models:  # a stored source is the one of the pairing
             sources = [source.with_registers(ServoRegisters.of(dataset)) for source in sources]
+        falls = all(source.engine == MUJOCO for source in sources)
+        dataset = (keep_torque_on_and_fall if falls else keep_torque_on)(dataset)
         simulators = [source.simulator(dataset) for source in sources]
         bodies = [load_in_mujoco(source, dataset) for source in sources]
         dataset = with_model_units(dataset, bodies[0])

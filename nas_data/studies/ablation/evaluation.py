@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from nas_data.dataset.dataset import Dataset
 from nas_data.joint_units import JointUnit, find_display_unit
 from nas_data.metrics import Errors
-from nas_data.models.evaluation import MODEL, Evaluation, evaluate
+from nas_data.models.evaluation import Evaluation, evaluate
+from nas_data.models.predictions import MODEL
 from nas_data.sources import SourceModel
 from nas_data.studies.ablation.kinds.base import TrainedPredictor
 from nas_data.typed_json import make_finite

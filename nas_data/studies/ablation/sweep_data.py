@@ -13,6 +13,7 @@ import numpy as np
 from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
+from nas_data.dataset.torque_off import drop_rows_without_torque
 from nas_data.dataset.transitions import as_transitions
 from nas_data.errors import DatasetInvalid, ModelFileError, OptionError
 from nas_data.gap.write_model import EFFECTS
@@ -198,8 +199,8 @@ class SweepData:
     effects: Path | None = None  # folder of a gap report, or its effects.json, to use instead of naming
 
     def read(self) -> Dataset:
-        """Read the dataset as transitions."""
-        return as_transitions(read(self.root))[0]
+        """Read the dataset as transitions, without rows in which the torque is off."""
+        return read_powered(self.root)
 
     def source(self) -> SourceModel | None:
         """Return the source; None if none is given and the dataset keeps none."""
@@ -213,7 +214,7 @@ class SweepData:
     def divide(self, dataset: Dataset, share: float | None, seed: int) -> tuple[list[int], Dataset]:
         """Return the training episodes, and the held-out data: the test dataset, or a share of the episodes."""
         if self.test is not None:
-            return list(range(dataset.n_episodes)), as_transitions(read(self.test))[0]
+            return list(range(dataset.n_episodes)), read_powered(self.test)
         assert share is not None
         train, held = divide(dataset.n_episodes, share, seed)
         return train, dataset.select(held)
@@ -242,6 +243,11 @@ class SweepData:
             raise DatasetInvalid(
                 f"The {changed[0]} of the sweep on {self.root} changed while it ran; start it again with another --out."
             )
+
+
+def read_powered(root: Path) -> Dataset:
+    """Read a dataset as transitions, without rows in which the torque is off."""
+    return drop_rows_without_torque(as_transitions(read(root))[0])[0]
 
 
 def hash_effects_file(path: Path) -> str:

@@ -12,8 +12,9 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.metrics import Errors
-from nas_data.models.evaluation import MODEL, Evaluation, evaluate
+from nas_data.models.evaluation import Evaluation, evaluate
 from nas_data.models.lstm import Kind
+from nas_data.models.predictions import MODEL
 from nas_data.models.presets import TrainingOptions
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare, report_training_progress
 from nas_data.policies.evaluate import score_baselines

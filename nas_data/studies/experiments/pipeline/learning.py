@@ -13,8 +13,9 @@ from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
 from nas_data.models import checkpoint
-from nas_data.models.evaluation import MODEL, Evaluation, evaluate
+from nas_data.models.evaluation import Evaluation, evaluate
 from nas_data.models.lstm import Kind
+from nas_data.models.predictions import MODEL
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.run import CHECKPOINT, HISTORY, STATE, TrainingRun
 from nas_data.models.training import ModelTraining

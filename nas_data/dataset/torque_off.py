@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.dataset.dataset import Dataset
 from nas_data.errors import DatasetInvalid
 
@@ -41,6 +42,45 @@ def keep_torque_on_and_fall(dataset: Dataset) -> Dataset:
     return select_rows(dataset, find_run_and_fall)
 
 
+def drop_rows_without_torque(dataset: Dataset) -> tuple[Dataset, tuple[str, ...]]:
+    """Return the dataset as of `keep_torque_on` without empty episodes, and a sentence on rows that are left out.
+
+    Raises:
+        DatasetInvalid: no row has torque.
+    """
+    return drop_empty_episodes(dataset, keep_torque_on(dataset))
+
+
+def follow_shutdowns(dataset: Dataset) -> tuple[Dataset, tuple[str, ...]]:
+    """Return the dataset as of `keep_torque_on_and_fall` without empty episodes, and sentences on what was done.
+
+    Raises:
+        DatasetInvalid: no row has torque.
+    """
+    kept, left_out = drop_empty_episodes(dataset, keep_torque_on_and_fall(dataset))
+    off = int((~find_torque_on(kept)).sum())
+    if not off:
+        return kept, left_out
+    return kept, (f"The simulated servos are off where the torque is ({TORQUE}): in {count_of(off, 'row')}.", *left_out)
+
+
+def drop_empty_episodes(dataset: Dataset, kept: Dataset) -> tuple[Dataset, tuple[str, ...]]:
+    """Return what was kept of a dataset without empty episodes, and a sentence on rows that are left out."""
+    left_out = dataset.n_frames - kept.n_frames
+    if not left_out:
+        return dataset, ()
+    filled = np.flatnonzero(kept.lengths)
+    kept = kept if len(filled) == kept.n_episodes else kept.select(filled)
+    what = count_of(left_out, "row")
+    return kept, (f"Left out, because the torque is off there or was before ({TORQUE}): {what}.",)
+
+
+def find_shutdowns(dataset: Dataset) -> np.ndarray | None:
+    """Return as `count_rows_with_torque`, shape (E,); None if the torque is never off."""
+    counts = count_rows_with_torque(dataset)
+    return None if (counts == dataset.lengths).all() else counts
+
+
 def count_rows_with_torque(dataset: Dataset) -> np.ndarray:
     """Return the number of rows of each episode before its torque is first switched off, shape (E,)."""
     on = find_torque_on(dataset)
@@ -54,13 +94,9 @@ def select_rows(dataset: Dataset, keep: Callable[[np.ndarray], np.ndarray]) -> D
         return dataset
     if not on.any():
         raise DatasetInvalid(f"The torque is off in every row ({TORQUE} is 0): record with the servos switched on.")
-    kept = np.concatenate([keep(on[rows]) for rows in dataset.episodes()])
-    ends = np.cumsum(kept)[dataset.starts + dataset.lengths - 1]
-    return replace(
-        dataset,
-        columns={key: column[kept] for key, column in dataset.columns.items()},
-        lengths=np.diff(ends, prepend=0),
-    )
+    kept = [keep(on[rows]) for rows in dataset.episodes()]
+    lengths = np.array([rows.sum() for rows in kept])
+    return replace(dataset.take(np.flatnonzero(np.concatenate(kept)), lengths, dataset.tasks), numbers=dataset.numbers)
 
 
 def find_longest_run(chosen: np.ndarray) -> np.ndarray:

@@ -1,0 +1,50 @@
+"""Position gains that the frames of a recording hold, as registers of the servos."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.errors import DatasetInvalid
+
+P_GAIN_COLUMN = "nas.p_gain"  # P register of the servos, one for all joints or one each
+
+
+def read_position_gains(dataset: Dataset, name: str | Path = "the dataset") -> np.ndarray:
+    """Return the P register of each episode and joint of a dataset with `nas.p_gain`, shape (E, n); NaN if empty.
+
+    Args:
+        dataset: Transitions.
+        name: Name of the dataset in errors.
+
+    Raises:
+        DatasetInvalid: it has neither one column nor one for each joint, or an episode has not one gain above 0.
+    """
+    registers, n = dataset.columns[P_GAIN_COLUMN].astype(float), len(dataset.joints)
+    if registers.shape[1] not in (1, n):
+        raise DatasetInvalid(
+            f"{P_GAIN_COLUMN} of {name} has {registers.shape[1]} columns; give one for all joints or one for each."
+        )
+    gains = np.full((dataset.n_episodes, n), np.nan)
+    for place, rows in enumerate(dataset.episodes()):
+        values = np.unique(registers[rows], axis=0)
+        if len(values) > 1 or not ((values > 0) & (values < np.inf)).all():
+            known = ", ".join(f"{value:g}" for value in np.unique(values))
+            raise DatasetInvalid(
+                f"{P_GAIN_COLUMN} of episode {dataset.episode_numbers[place]} of {name} is {known}; one gain above 0 "
+                "for the whole episode is needed."
+            )
+        if len(values):
+            gains[place] = values[0]
+    return gains
+
+
+def group_by_gain(dataset: Dataset) -> Iterator[list[int]]:
+    """Yield the places of the episodes with each position gain; all of them if the frames hold none."""
+    if P_GAIN_COLUMN not in dataset.columns:
+        yield list(range(dataset.n_episodes))
+        return
+    gains = read_position_gains(dataset)
+    for values in np.unique(gains, axis=0):
+        yield np.flatnonzero((gains == values).all(axis=1)).tolist()

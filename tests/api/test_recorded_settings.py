@@ -1,0 +1,148 @@
+"""Position gains and torque that a recording holds, in evaluation, pairing, training and films."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import nas_data as nas
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import Feature
+from nas_data.dataset.position_gains import P_GAIN_COLUMN
+from nas_data.dataset.torque_off import TORQUE, drop_rows_without_torque, follow_shutdowns
+from nas_data.effects.base import parse
+from nas_data.errors import DatasetInvalid, OptionError
+from nas_data.gap.problem import Problem
+from nas_data.models.presets import preset
+from nas_data.reports.films.motion import follow
+from nas_data.simulators.mujoco import MujocoSimulator
+
+MODEL = Path(__file__).parents[2] / "docs/results/xl330.xml"  # states the register of its gain, 400
+PERIOD, STEPS, ON = 0.005, 160, 60
+GAINS = (100, 400, 100, 800)
+SAME = 1e-4  # [rad]
+
+
+def record(gains: tuple[int, ...] = GAINS, on: int = STEPS) -> Dataset:
+    """Record a simulated pendulum at position gains, with its torque off after some rows."""
+    lift = np.minimum(np.arange(STEPS) / 40, 1.0)
+    commands = np.linspace(0.4, 1.2, len(gains))[:, None, None] * lift[:, None]
+    states = []
+    for gain, own in zip(gains, commands, strict=True):
+        stiffness = [parse(f"servo_stiffness:joint=pendulum,factor={gain / 400}")] if gain != 400 else []
+        simulator = MujocoSimulator.load(MODEL, PERIOD, effects=stiffness, threads=1)
+        after = simulator.rollout(np.zeros((1, 2)), own[None], torque_off_from=np.array([on]))[0]
+        states.append(np.concatenate([np.zeros((1, 2)), after]))
+    positions, velocities = ([each[:, part : part + 1] for each in states] for part in (0, 1))
+    dataset = Dataset.from_arrays(
+        positions, list(commands), velocities=velocities, rate=1 / PERIOD, joints=["pendulum"], robot="pendulum"
+    )
+    powered = np.tile(np.arange(STEPS) < on, len(gains))[:, None].astype(np.float32)
+    known = {P_GAIN_COLUMN: np.repeat(gains, STEPS)[:, None].astype(np.float32), TORQUE: powered}
+    for name, column in known.items():
+        dataset = dataset.with_column(name, Feature((name,)), column)
+    return dataset
+
+
+@pytest.mark.parametrize("on", [STEPS, ON])
+def test_a_model_is_evaluated_at_each_episode_s_gain_and_without_torque_where_it_is_off(on: int):
+    found = nas.evaluate(MODEL, record(on=on), plain_fit=False)
+    assert np.max(found.open_loop["source"].per_episode) < SAME
+    assert np.max(found.one_step["source"].per_episode) < SAME
+    assert any("Episodes 0,2: " in note and "multiplied by 0.25" in note for note in found.notes)
+    assert any("servos are off" in note for note in found.notes) == (on < STEPS)
+
+
+def test_without_these_columns_the_same_motion_is_not_explained():
+    known = record(on=ON)
+    unknown = known.without_columns([P_GAIN_COLUMN, TORQUE])
+    errors = nas.evaluate(MODEL, unknown, plain_fit=False).open_loop["source"].per_episode
+    assert min(errors) > 0.01
+    deaf = known.without_columns([TORQUE])
+    assert nas.evaluate(MODEL, deaf, plain_fit=False).open_loop["source"].per_episode[1] > 0.01
+
+
+def test_predictors_keep_the_order_of_the_episodes():
+    dataset = record()
+    whole = nas.evaluate(MODEL, dataset, plain_fit=False)
+    alone = [nas.evaluate(MODEL, dataset, episodes=[number], plain_fit=False) for number in range(len(GAINS))]
+    for name, errors in whole.open_loop.items():
+        assert errors.per_episode == pytest.approx([one.open_loop[name].per_episode[0] for one in alone])
+
+
+def test_a_model_with_another_gain_is_compared_at_the_same_register(tmp_path: Path):
+    other = tmp_path / "other.xml"
+    other.write_text(MODEL.read_text().replace('data="400"', 'data="200"'))  # the same gain, said of another register
+    found = nas.evaluate(other, record((200, 200)), model=MODEL, plain_fit=False)
+    half, whole = found.open_loop["source"].per_episode, found.open_loop["model"].per_episode
+    assert max(half) < SAME < 0.01 < min(whole)
+
+
+def test_the_plain_fit_is_made_at_the_recording_s_one_gain():
+    once = nas.evaluate(MODEL, record((200, 200, 200)))
+    assert once.open_loop["plain fit"].overall < 0.01
+    several = nas.evaluate(MODEL, record((200, 400, 200)))
+    assert "plain fit" not in several.open_loop
+    assert any("several position gains" in note for note in several.notes)
+
+
+def test_pairs_are_predicted_without_torque_where_it_is_off():
+    dataset = record((400, 400), on=ON)
+    paired = nas.pair(dataset, MODEL)
+    assert np.abs(paired.sim_states - dataset.next_states)[:, 0].max() < SAME
+    deaf = nas.pair(dataset.without_columns([TORQUE]), MODEL)
+    assert np.abs(deaf.sim_states - dataset.next_states)[ON:STEPS, 1].max() > 0.01
+
+
+def test_pairing_says_that_the_gains_differ():
+    from nas_data.api.pairing import PairingSource, make_pairs
+
+    remarks = make_pairs(record(), PairingSource(model=MODEL)).remarks
+    assert any("p_gain differ between episodes" in remark for remark in remarks)
+    assert any("multiplied by 0.5" in one for one in make_pairs(record((200, 200)), PairingSource(model=MODEL)).remarks)
+
+
+def test_training_leaves_out_rows_without_torque():
+    small = preset("fast", hidden=4, updates=1)
+    lines: list[str] = []
+    learned = nas.train_forward(record((400, 400, 400), on=ON), preset=small, progress=lines.append)
+    assert any(f"{3 * ON} transitions" in line for line in lines)
+    assert any(f"{3 * (STEPS - ON)} rows" in line for line in lines)
+    found = nas.evaluate(learned, record((400, 400, 400), on=ON), plain_fit=False)
+    assert found.open_loop["hold"].lengths.tolist() == [ON] * 3
+
+
+def test_episodes_without_torque_are_left_out():
+    dataset = record((400, 400, 400), on=ON)
+    torque = dataset.columns[TORQUE].copy()
+    torque[STEPS : 2 * STEPS] = 0
+    dataset = replace(dataset, columns={**dataset.columns, TORQUE: torque})
+    driven, told = drop_rows_without_torque(dataset)
+    assert driven.episode_numbers == (0, 2)
+    assert driven.lengths.tolist() == [ON, ON]
+    assert f"{STEPS + 2 * (STEPS - ON)} rows" in told[0]
+    fallen, _ = follow_shutdowns(dataset)
+    assert fallen.lengths.tolist() == [STEPS, STEPS]
+    with pytest.raises(DatasetInvalid, match="off in every row"):
+        drop_rows_without_torque(replace(dataset, columns={**dataset.columns, TORQUE: 0 * torque}))
+
+
+def test_a_film_has_the_episode_s_gain_and_shutdown():
+    dataset = record(on=ON).select([3])
+    ghost = follow(dataset, 3, [str(MODEL)]).ghosts[1]
+    assert ghost.errors.max() < SAME
+    assert len(ghost.states) == STEPS + 1
+
+
+def test_evaluation_and_gap_agree():
+    dataset = record((100, 400, 800), on=ON)
+    problem = Problem.of(dataset, MODEL, None)
+    seen = problem.evidence
+    predicted = problem.as_given.predict(seen)
+    assert np.sqrt(seen.mean_squares(predicted)).max() < SAME
+
+
+def test_phi_is_not_learned_on_gains_that_it_cannot_tell_apart(tmp_path: Path):
+    with pytest.raises(OptionError, match=r"nas.p_gain.*leave out --learn"):
+        nas.identify(record(), model=MODEL, learn=5, out=tmp_path / "gap")
