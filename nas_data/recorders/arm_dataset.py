@@ -15,10 +15,10 @@ from nas_data.dataset.features import (
     make_state_feature,
     make_time_feature,
 )
+from nas_data.dataset.supply_voltage import VOLTAGE
 from nas_data.recorders.arm_motion import ArmEpisode
 
 LOAD = "nas.load"
-VOLTAGE = "nas.voltage"
 TEMPERATURE = "nas.temperature"
 LATE = "nas.late"
 REPEATED = "nas.repeated"

@@ -9,7 +9,8 @@ import numpy as np
 from nas_data.count_of import count_of
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import TIME
-from nas_data.recorders.arm_dataset import LATE, REPEATED, TEMPERATURE, VOLTAGE
+from nas_data.dataset.supply_voltage import VOLTAGE
+from nas_data.recorders.arm_dataset import LATE, REPEATED, TEMPERATURE
 
 SUSPICIOUS = 0.01  # share of repeated readings above which the servos update more slowly than the control rate
 

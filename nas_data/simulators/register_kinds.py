@@ -9,13 +9,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
+import mujoco
+
 from nas_data.effects.edits.integral import has_integral, scale_integral
 from nas_data.effects.edits.servo import read_servo_damping, scale_damping, scale_limit, scale_stiffness
 from nas_data.robots.ergojr import VELOCITY_QUANTUM
 from nas_data.simulators.goal_registers import DeadZone, GoalAcceleration, GoalSpeed, LeastOutput
 from nas_data.simulators.register_changes import RegisterChange, RegisterRatio, Unusable
 
-P_GAIN, TORQUE = "p_gain", "torque_limit"
+P_GAIN, TORQUE, SUPPLY = "p_gain", "torque_limit", "supply_voltage"
 SPEED_UNIT = VELOCITY_QUANTUM  # [rad/s] of the register moving_speed; XL-320 e-manual
 STEP = 2 * math.pi / 4096  # [rad] of the STS3215's positions, speeds and dead zones; Feetech's memory table
 STEEP_STEP = 100 * STEP  # [rad/s²] of the STS3215's acceleration; Feetech's memory table
@@ -40,6 +42,7 @@ class RegisterKind:
         read: Function that reads its value from a control table.
         change: What it changes in a model.
         is_positive: Whether 0 is no setting of a moving servo.
+        is_measured: Whether the servo measures it; models that do not state it are usual.
     """
 
     name: str
@@ -47,6 +50,7 @@ class RegisterKind:
     read: Reader
     change: RegisterChange
     is_positive: bool = False
+    is_measured: bool = False
 
 
 def read_lowest(*names: str) -> Reader:
@@ -96,6 +100,14 @@ def read_profile(name: str, is_time_based: bool = False) -> Reader:
         return table[name] if table.get(PROFILE) else 0.0
 
     return read
+
+
+def scale_supply(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
+    """Multiply the supply voltage of a servo that sets the duty of its motor; its back-EMF, a damping, stays."""
+    scale_stiffness(spec, joint, factor)
+    scale_limit(spec, joint, factor)
+    if has_integral(spec, joint):
+        scale_integral(spec, joint, factor)
 
 
 # In the order in which they change a model: a profile acts on a goal whose speed is limited already.
@@ -181,6 +193,14 @@ KINDS = {
             words="least output",
             read=read_lowest("Minimum_Startup_Force"),
             change=LeastOutput(1000.0),
+        ),
+        RegisterKind(
+            name=SUPPLY,
+            words="supply voltage",
+            read=lambda table: None,  # not a setting: `nas.voltage` of the frames
+            change=RegisterRatio("servo's torque", scale_supply),
+            is_positive=True,
+            is_measured=True,
         ),
     )
 }

@@ -11,12 +11,13 @@ from nas_data.count_of import join_items
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.position_gains import P_GAIN_COLUMN, read_position_gains
 from nas_data.dataset.provenance import Provenance, read_provenance
+from nas_data.dataset.supply_voltage import read_supply_voltages
 from nas_data.dataset.target_episodes import read_history
 from nas_data.effects.edits.explicit_values import make_values_explicit
 from nas_data.errors import ModelFileError
 from nas_data.robots.base import ConsecutiveEdits, Robot
 from nas_data.simulators.register_changes import Setting
-from nas_data.simulators.register_kinds import KINDS, P_GAIN, TORQUE, RegisterKind
+from nas_data.simulators.register_kinds import KINDS, P_GAIN, SUPPLY, TORQUE, RegisterKind
 
 Values = Mapping[str, Mapping[str, float]]  # by register and joint
 
@@ -35,7 +36,9 @@ class ServoRegisters:
 
     @classmethod
     def of(cls, dataset: Dataset, root: Path | None = None) -> "ServoRegisters":
-        """Return the registers of a recording: those of its provenance, and position gains that its frames hold.
+        """Return the registers of a recording: those of its provenance, and what its frames hold.
+
+        Frames may hold position gains and the measured supply voltage, whose mean is taken.
 
         Args:
             dataset: The recording.
@@ -43,6 +46,8 @@ class ServoRegisters:
         """
         provenance = dataset.origin.provenance if dataset.origin else read_provenance(root) if root else None
         registers = cls.read(provenance, dataset.joints)
+        if volts := read_supply_voltages(dataset):
+            registers = replace(registers, values={**registers.values, SUPPLY: volts})
         if P_GAIN_COLUMN not in dataset.columns or not dataset.n_frames:
             return registers
         registers, gains = registers.without(P_GAIN), read_position_gains(dataset)[dataset.lengths > 0]
@@ -93,7 +98,7 @@ class ServoRegisters:
         for use in self._examine(robot):
             if use.obstacle:
                 refused.setdefault((use.kind.name, use.obstacle), []).append(use.setting.joint)
-            elif use.is_unknown:
+            elif use.is_unknown and not use.kind.is_measured:
                 unknown[use.kind.name] = None
         sentences = [f"As the recording's registers say, {change}." for change in self.list_changes(robot)]
         if unknown:

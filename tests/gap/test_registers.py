@@ -13,6 +13,7 @@ from support.xl320_samples import be_patient, be_quick
 import nas_data as nas
 from nas_data.cli import main
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import Feature
 from nas_data.dataset.origin import Origin
 from nas_data.dataset.provenance import Provenance
 from nas_data.dataset.target_episodes import join_targets, select_episodes
@@ -454,3 +455,32 @@ def test_nothing_is_named_in_a_virtual_ergojr_of_another_gain(monkeypatch, tmp_p
     hide(root)
     named = {(found.name, found.joint) for found in nas.identify(root, model="ergojr").effects}
     assert named == {("servo_stiffness", joint) for joint in find_robot("ergojr").joints}
+
+
+def powered(dataset: Dataset, volts: float) -> Dataset:
+    """Return a recording whose servo measured a voltage; readings of 0 V are none, and those without torque idle."""
+    column, torque = np.full((dataset.n_frames, 1), volts, np.float32), np.ones((dataset.n_frames, 1), np.float32)
+    column[::3], column[1::7], torque[1::7] = 0, 30, 0
+    with_volts = dataset.with_column("nas.voltage", Feature(("pendulum.voltage",), ("V",)), column)
+    return with_volts.with_column("nas.torque_enable", Feature(("pendulum.torque_enable",)), torque)
+
+
+def test_a_measured_voltage_scales_gain_and_torque_limit_of_a_model_that_states_its_own(tmp_path):
+    plain, stated = find_robot("pendulum"), tmp_path / "arm.xml"
+    stated.write_text(
+        PENDULUM.replace("<actuator>", '<custom><numeric name="supply_voltage" data="7.4"/></custom><actuator>')
+    )
+    weak = positions(plain, parse("servo_stiffness:joint=pendulum,factor=0.25"),
+                     parse("torque_limit:joint=pendulum,torque=0.1781"))  # fmt: skip
+    assert np.abs(positions(plain) - weak).max() > 0.03
+    registers = ServoRegisters.of(powered(recording("command_delay:delay=0", 1), 1.85))
+    assert registers.values == {"supply_voltage": {"pendulum": 1.85}}
+    robot = find_robot(stated)
+    assert positions(registers.set_in(robot)) == pytest.approx(weak, abs=1e-6)
+    (sentence,) = registers.describe(robot)
+    assert "servo's torque is multiplied by 0.25 (supply_voltage 1.85, in the model 7.4)" in sentence
+    assert registers.list_changes(registers.set_in(robot)) == []
+
+    # usual models state no voltage: nothing to say, and nothing changes
+    assert registers.describe(plain) == ()
+    assert positions(registers.set_in(plain)) == pytest.approx(positions(plain), abs=1e-12)
