@@ -12,7 +12,7 @@ P_GAIN_COLUMN = "nas.p_gain"  # P register of the servos, one for all joints or 
 
 
 def read_position_gains(dataset: Dataset, name: str | Path = "the dataset") -> np.ndarray:
-    """Return the P register of each episode and joint of a dataset with `nas.p_gain`, shape (E, n); NaN if empty.
+    """Return the P register of each episode and joint of a dataset with `nas.p_gain`, shape (E, n); 0 if empty.
 
     Args:
         dataset: Transitions.
@@ -26,7 +26,7 @@ def read_position_gains(dataset: Dataset, name: str | Path = "the dataset") -> n
         raise DatasetInvalid(
             f"{P_GAIN_COLUMN} of {name} has {registers.shape[1]} columns; give one for all joints or one for each."
         )
-    gains = np.full((dataset.n_episodes, n), np.nan)
+    gains = np.zeros((dataset.n_episodes, n))
     for place, rows in enumerate(dataset.episodes()):
         values = np.unique(registers[rows], axis=0)
         if len(values) > 1 or not ((values > 0) & (values < np.inf)).all():
