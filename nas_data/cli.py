@@ -179,6 +179,12 @@ def run(name: str, rest: list[str]) -> int:
         return fail(describe_refusal(error), command.json)
     except KeyboardInterrupt:
         return fail("interrupted; finished work is kept.", command.json) and 130
+    except (ImportError, AttributeError, RuntimeError) as error:
+        backend = os.environ.get("MUJOCO_GL")
+        if not backend or "mujoco" in sys.modules:
+            raise
+        remedy = "leave it unset, so that a backend that works is chosen"
+        return fail(f"MuJoCo does not start with MUJOCO_GL={backend} ({error}): {remedy}.", command.json)
     from nas_data.typed_json import make_finite
 
     text = json.dumps(make_finite(outcome.data), indent=2, allow_nan=False) if command.json else outcome.text

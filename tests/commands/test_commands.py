@@ -153,6 +153,17 @@ def test_the_overview_answers_at_once():
     pytest.fail(f"nas --help took {fastest:.2f} s in the fastest of {ATTEMPTS} runs; {HELP_SECONDS} s is the limit")
 
 
+def test_a_graphics_backend_that_does_not_start_is_one_sentence():
+    ended = subprocess.run(
+        [sys.executable, "-m", "nas_data", "record", "sim", "--episodes", "1"],
+        capture_output=True, text=True, check=False, env=os.environ | {"MUJOCO_GL": "nonsense"},
+    )  # fmt: skip
+    assert ended.returncode == 2
+    assert ended.stderr.startswith("nas: MuJoCo does not start with MUJOCO_GL=nonsense (")
+    assert "leave it unset" in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
 def test_help_imports_nothing_heavy():
     code = (
         "import sys; from nas_data.cli import list_command_files, load_command_class, main\n"
