@@ -20,7 +20,7 @@ from nas_data.dataset.features import (
     make_state_feature,
 )
 from nas_data.dataset.start_velocities import find_start_velocities
-from nas_data.dataset.torque_off import find_torque_on
+from nas_data.dataset.torque_off import find_torque_off
 from nas_data.errors import JointMismatch
 from nas_data.joint_units import compute_angle_scales, find_joint_unit
 from nas_data.log import warn, warn_once
@@ -44,9 +44,9 @@ def pair(dataset: Dataset, simulator: Simulator) -> Dataset:
     """Add `next.observation.sim_state` to a dataset of transitions, and `next.observation.sim_environment_state`.
 
     The source is reset to each measured state with its warm start zeroed, the command is held for one control period,
-    and the joints are read. The result is bit-identical to a plain loop over `mj_step`. Where the recording's torque is
-    off, MuJoCo's servos are, too. Objects of both dataset and source are reset and read with the joints; φ corrects the
-    joints only.
+    and the joints are read. The result is bit-identical to a plain loop over `mj_step`. Where no servo of the recording
+    has torque, MuJoCo's have none, either. Objects of both dataset and source are reset and read with the joints; φ
+    corrects the joints only.
 
     Args:
         dataset: Transitions with 2n-states (see `as_transitions`).
@@ -72,7 +72,7 @@ def predict_transitions(dataset: Dataset, simulator: Simulator, rows: slice = sl
     """Return a source's next states of some rows, shape (rows, 2n or 2n + m); see `pair`."""
     states, commands = read_scene_states(dataset, simulator, rows), dataset.commands[rows]
     predicted = simulator.predict(states, commands, find_continuing_frames(dataset)[rows])
-    off = ~find_torque_on(dataset)[rows]
+    off = find_torque_off(dataset)[rows]
     if off.any() and isinstance(simulator, MujocoSimulator):
         never = np.zeros(int(off.sum()), int)
         predicted[off] = simulator.rollout(states[off], commands[off][:, None], torque_off_from=never)[:, 0]

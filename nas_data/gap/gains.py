@@ -32,7 +32,7 @@ def with_relative_gains(dataset: Dataset, model: str | Path, name: str | Path) -
         return dataset
     registers, own = read_position_gains(dataset, name), read_model_registers(model, dataset.joints)
     if own is None:
-        check_equal_gains(registers[dataset.lengths > 0], model, name)
+        check_equal_gains(registers[registers.any(axis=1)], model, name)
         return dataset
     feature = Feature(tuple(joint + POSITION for joint in dataset.joints))
     return dataset.with_column(RELATIVE_GAIN, feature, np.repeat(registers / own, dataset.lengths, axis=0))

@@ -50,7 +50,10 @@ class ServoRegisters:
             registers = replace(registers, values={**registers.values, SUPPLY: volts})
         if P_GAIN_COLUMN not in dataset.columns or not dataset.n_frames:
             return registers
-        registers, gains = registers.without(P_GAIN), read_position_gains(dataset)[dataset.lengths > 0]
+        registers, gains = registers.without(P_GAIN), read_position_gains(dataset)
+        gains = gains[gains.any(axis=1)]
+        if not len(gains):
+            return registers
         if (gains != gains[0]).any():
             return replace(registers, changing=(*registers.changing, P_GAIN))
         found = dict(zip(dataset.joints, gains[0].tolist(), strict=True))

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 import nas_data as nas
+from nas_data.api.pairing import PairingSource, make_pairs
+from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import Feature
 from nas_data.dataset.position_gains import P_GAIN_COLUMN
@@ -96,8 +98,6 @@ def test_pairs_are_predicted_without_torque_where_it_is_off():
 
 
 def test_pairing_says_that_the_gains_differ():
-    from nas_data.api.pairing import PairingSource, make_pairs
-
     remarks = make_pairs(record(), PairingSource(model=MODEL)).remarks
     assert any("p_gain differ between episodes" in remark for remark in remarks)
     assert any("multiplied by 0.5" in one for one in make_pairs(record((200, 200)), PairingSource(model=MODEL)).remarks)
@@ -146,3 +146,68 @@ def test_evaluation_and_gap_agree():
 def test_phi_is_not_learned_on_gains_that_it_cannot_tell_apart(tmp_path: Path):
     with pytest.raises(OptionError, match=r"nas.p_gain.*leave out --learn"):
         nas.identify(record(), model=MODEL, learn=5, out=tmp_path / "gap")
+
+
+def two_joints(torque: np.ndarray) -> Dataset:
+    """Episodes of two joints, whose torque (E, T, 2) is on or off."""
+    count, rows, _ = torque.shape
+    still = [np.zeros((rows, 2)) for _ in range(count)]
+    dataset = Dataset.from_arrays(still, still, rate=50, joints=["a", "b"])
+    kept = np.concatenate([each[: dataset.lengths[0]] for each in torque]).astype(np.float32)
+    return dataset.with_column(TORQUE, Feature(("a", "b")), kept)
+
+
+def test_rows_in_which_some_servos_are_off_are_left_out():
+    torque = np.ones((2, 40, 2))
+    torque[:, 20:, 1] = 0
+    torque[1, 30:] = 0
+    kept, told = follow_shutdowns(two_joints(torque))
+    assert kept.lengths.tolist() == [20, 20]
+    assert len(told) == 1
+    torque[1, 20:] = 0
+    kept, told = follow_shutdowns(two_joints(torque))
+    assert kept.lengths.tolist() == [20, 39]
+    assert "servos are off" in told[0]
+
+
+def test_a_servo_that_never_has_torque_is_named():
+    torque = np.ones((2, 40, 2))
+    torque[..., 1] = 0
+    with pytest.raises(DatasetInvalid, match=r"torque of b is off .* the dataset .*all servos switched on"):
+        follow_shutdowns(two_joints(torque))
+    torque[1] = 1
+    with pytest.raises(DatasetInvalid, match=r"episode 0 of the dataset .*other episodes"):
+        follow_shutdowns(two_joints(torque).select([0]))
+
+
+def test_gains_count_where_the_torque_is_on():
+    dataset = record((100, 400), on=ON)
+    gains = dataset.columns[P_GAIN_COLUMN].copy()
+    gains[(np.arange(len(gains)) % STEPS) >= ON] = 0  # as servos report it without torque
+    dataset = replace(dataset, columns={**dataset.columns, P_GAIN_COLUMN: gains})
+    found = nas.evaluate(MODEL, dataset, plain_fit=False)
+    assert np.max(found.open_loop["source"].per_episode) < SAME
+    assert Problem.of(dataset, MODEL, None).evidence.gains.ravel().tolist() == [0.25, 1.0]
+    assert follow(dataset.select([0]), 0, [str(MODEL)]).ghosts[1].errors.max() < SAME
+
+
+def test_pairing_does_not_need_the_gains():
+    dataset = record((400, 400))
+    gains = dataset.columns[P_GAIN_COLUMN].copy()
+    gains[20:40] = 800
+    dataset = replace(dataset, columns={**dataset.columns, P_GAIN_COLUMN: gains})
+    pairing = make_pairs(dataset, PairingSource(model=MODEL))
+    assert pairing.dataset.paired
+    assert any("400, 800; one gain above 0" in remark for remark in pairing.remarks)
+
+
+def test_the_sign_of_commands_is_judged_where_the_torque_is_on():
+    rng = np.random.default_rng(0)
+    commands = np.cumsum(rng.normal(0, 0.02, (3, STEPS, 1)), axis=1)
+    positions = commands.copy()
+    positions[:, ON:] = positions[:, [ON]] - 3 * (commands[:, ON:] - commands[:, [ON]])  # falls otherwise than told
+    dataset = Dataset.from_arrays(list(positions), list(commands), rate=50, joints=["a"])
+    assert any(finding.check == "command_sign" for finding in audit_dataset(dataset))
+    on = np.concatenate([np.arange(length) < ON for length in dataset.lengths])[:, None].astype(np.float32)
+    known = dataset.with_column(TORQUE, Feature(("a",)), on)
+    assert not any(finding.check == "command_sign" for finding in audit_dataset(known))

@@ -484,3 +484,14 @@ def test_a_measured_voltage_scales_gain_and_torque_limit_of_a_model_that_states_
     # usual models state no voltage: nothing to say, and nothing changes
     assert registers.describe(plain) == ()
     assert positions(registers.set_in(plain)) == pytest.approx(positions(plain), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("unit", "reading", "volts"), [("V", 6.0, 6.0), ("mV", 6000, 6.0), ("0.1 V", 60, None), ("", 6, None)]
+)
+def test_voltages_are_used_in_volts_and_millivolts_for_one_servo_or_all(unit, reading, volts):
+    dataset = recording("command_delay:delay=0", 1)
+    column = np.full((dataset.n_frames, 1), reading, np.float32)
+    measured = dataset.with_column("nas.voltage", Feature(("voltage",), (unit,) if unit else ()), column)
+    expected = {} if volts is None else {"supply_voltage": {"pendulum": volts}}
+    assert ServoRegisters.of(measured).values == expected

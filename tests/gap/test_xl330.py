@@ -217,7 +217,7 @@ def test_evidence_goes_on_where_the_torque_is_off():
 @settings(max_examples=60, deadline=None)
 def test_an_episode_is_kept_from_its_longest_drive_to_the_next(on: list[bool]):
     powered = np.array(on)
-    rows = np.flatnonzero(find_run_and_fall(powered))
+    rows = np.flatnonzero(find_run_and_fall(powered, ~powered))
     assert bool(len(rows)) == powered.any()
     if len(rows):
         count = int(np.append(powered[rows], False).argmin())

@@ -3,9 +3,11 @@
 import numpy as np
 
 from nas_data.dataset.audits.base import AuditFinding, Expected
+from nas_data.dataset.audits.torque_off import SIGNAL as TORQUE
 from nas_data.dataset.audits.velocity import FACTOR_TOLERANCE, KNOWN, KNOWN_OF_SLIDES
 from nas_data.dataset.features import POSITION, VELOCITY
 from nas_data.dataset.recording import Recording
+from nas_data.dataset.torque_off import find_longest_run
 
 MIN_ROWS = 20  # fewest rows for a meaningful correlation
 FOLLOWING_TIME = 1.0  # [s] within which even a slow servo follows its command
@@ -19,8 +21,10 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Refuse commands whose amplitude is off by the factor between two units; report opposite signs.
 
     That factor is about 57 between degrees and radians, 1,000 between millimetres and metres. Commanded positions are
-    compared with positions, commanded velocities with differences of positions.
+    compared with positions, commanded velocities with differences of positions, both where the torque is on.
     """
+    if TORQUE in recording.signals:
+        recording = recording.take(find_longest_run((recording.signals[TORQUE] >= 1).all(axis=1)))
     if len(recording) < MIN_ROWS:
         return []
     found = []
