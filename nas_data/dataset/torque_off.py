@@ -119,7 +119,7 @@ def select_rows(dataset: Dataset, keep: Callable[[np.ndarray, np.ndarray], np.nd
 
 def describe_lack_of_torque(dataset: Dataset) -> str:
     """Return a sentence on a recording, or episodes of one, without a row in which all servos have torque."""
-    off = (dataset.columns[TORQUE] < 1).all(axis=0)
+    off = np.asarray((dataset.columns[TORQUE] < 1).all(axis=0))
     joints = [joint for joint, never in zip(dataset.joints, off, strict=False) if never]
     whose = "The torque" if off.all() else f"The torque of {join_items(joints) or 'some servo'}"
     name = dataset.origin.root if dataset.origin and dataset.origin.root else "the dataset"

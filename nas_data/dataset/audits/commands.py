@@ -24,7 +24,8 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     compared with positions, commanded velocities with differences of positions, both where the torque is on.
     """
     if TORQUE in recording.signals:
-        recording = recording.take(find_longest_run((recording.signals[TORQUE] >= 1).all(axis=1)))
+        powered = np.asarray((recording.signals[TORQUE] >= 1).all(axis=1))
+        recording = recording.take(find_longest_run(powered))
     if len(recording) < MIN_ROWS:
         return []
     found = []
