@@ -106,9 +106,7 @@ class SourceModel:
         return (f"nas_data.simulators.{self.engine}", *(type(effect).__module__ for effect in self.effects))
 
     def with_registers(self, registers: ServoRegisters) -> "SourceModel":
-        """Return the source with the servo registers of a recording; PyBullet's stays as it is."""
-        if self.engine != ENGINES[0]:
-            return self
+        """Return the source with the servo registers of a recording."""
         robot = self.model if isinstance(self.model, Robot) else find_robot(self.model)
         return replace(self, model=registers.set_in(robot))
 

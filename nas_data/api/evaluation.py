@@ -19,7 +19,6 @@ from nas_data.api.arguments import (
 from nas_data.api.learned_model import LearnedModel
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import kept_folders
-from nas_data.dataset.position_gains import group_by_gain
 from nas_data.dataset.split import format_episodes
 from nas_data.dataset.torque_off import drop_rows_without_torque, follow_shutdowns
 from nas_data.envs.loop.load_model import check_source
@@ -31,11 +30,11 @@ from nas_data.models.evaluation import evaluate as evaluate_predictors
 from nas_data.models.lstm import DynamicsModel
 from nas_data.models.predictions import Predictions, predict
 from nas_data.pairing import warn_of_overlaps, warn_of_ranges
-from nas_data.robots.base import find_robot, list_robot_names
+from nas_data.robots.base import Robot, find_robot, list_robot_names
 from nas_data.runs.progress import silence
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.engines import MUJOCO
-from nas_data.simulators.servo_registers import ServoRegisters
+from nas_data.simulators.servo_registers import ServoRegisters, group_by_registers
 from nas_data.sources import SourceModel, locate_source
 
 MODEL = "model"  # name of a model file that is compared with its source
@@ -108,6 +107,7 @@ def evaluate_learned(
             warn_of_ranges(recorded, find_robot(given))
             warn_of_overlaps(recorded, simulator)
         fitted, notes = fit_plain(learned, recorded, source, say) if plain_fit else ({}, ())
+        notes = (*notes, *note_registers(recorded, source, fitted))
         found = evaluate_predictors(powered, simulator, learned.network, count or count_aloud(say), fitted)
         if simulator is not None and (given is not None or engine is not None):
             notes = (*notes, *note_other_source(own[0], learned.network, simulator))
@@ -119,7 +119,7 @@ def evaluate_model(
 ) -> Evaluation:
     """Compare a model with the one that it came from; see `evaluate`.
 
-    Both have the recording's registers, each episode its position gain, and no torque where it is off.
+    Both have the registers of each episode, and no torque where it is off.
 
     Args:
         recorded: Transitions.
@@ -128,26 +128,40 @@ def evaluate_model(
         plain_fit: As for `evaluate`.
         say: Receives progress messages.
     """
-    names = zip(("source", MODEL), dict.fromkeys(models), strict=False)  # equal models once
-    sources = {name: locate_source(model, (), (), engine) for name, model in names}
+    named = dict(zip(("source", MODEL), dict.fromkeys(models), strict=False))  # equal models once
+    sources = {name: locate_source(model, (), (), engine) for name, model in named.items()}
     is_mujoco = sources["source"].engine == MUJOCO
     powered, notes = (follow_shutdowns if is_mujoco else drop_rows_without_torque)(recorded)
     fitted, more = fit_plain(None, recorded, sources["source"], say) if plain_fit else ({}, ())
-    robot, groups = find_robot(models[0]), list(group_by_gain(powered))
+    robots, groups = {name: find_robot(model) for name, model in named.items()}, list(group_by_registers(powered))
     parts: list[Predictions] = []
-    for places in groups:
+    for places, known in groups:
         part = powered.select(places) if len(groups) > 1 else powered
-        known = ServoRegisters.of(part)
         simulators = {name: source.with_registers(known).simulator(part) for name, source in sources.items()}
         simulator = simulators.pop("source")
         if not parts:
-            warn_of_ranges(recorded, robot)
+            warn_of_ranges(recorded, robots["source"])
             warn_of_overlaps(recorded, simulator)
         parts.append(predict(part, simulator, None, others={**fitted, **simulators}))
-        told = known.describe(robot) if is_mujoco else ()
-        where = f"Episodes {format_episodes(part.episode_numbers)}: " if len(groups) > 1 else ""
-        more = (*more, *(f"{where}{sentence}" for sentence in told))
-    return replace(Evaluation.of(powered, Predictions.join(parts, groups)), notes=(*notes, *more))
+        word = "Episode" if len(places) == 1 else "Episodes"
+        where = f"{word} {format_episodes(part.episode_numbers)}: " if len(groups) > 1 else ""
+        for name, robot in robots.items():
+            which = f"{name}: " if len(robots) > 1 else ""
+            more = (*more, *(f"{where}{which}{sentence}" for sentence in known.describe(robot)))
+    predictions = Predictions.join(parts, [places for places, _ in groups])
+    return replace(Evaluation.of(powered, predictions), notes=(*notes, *more))
+
+
+def note_registers(recorded: Dataset, source: SourceModel | None, fitted: Mapping[str, Simulator]) -> list[str]:
+    """Return a note if a recording's registers would change the source, which φ corrects as given."""
+    if source is None:
+        return []
+    robot = source.model if isinstance(source.model, Robot) else find_robot(source.model)
+    changes = ServoRegisters.of(recorded).list_changes(robot)
+    if not changes:
+        return []
+    others = "".join(f", unlike the {name}" for name in fitted)
+    return [f"The source is as given, not as the recording's registers say ({'; '.join(changes)}){others}."]
 
 
 def note_other_source(folder: Path, network: DynamicsModel, simulator: Simulator) -> list[str]:

@@ -127,19 +127,19 @@ def describe_other_registers(recorded: Dataset, robot: Robot) -> str | None:
         registers = ServoRegisters.of(recorded)
     except DatasetInvalid as error:  # a gain that changes within an episode; no gain is used here
         return f"the source is paired as given: {error}"
-    changes = registers.list_changes(robot)
-    if changes:
-        return (
+    remarks = []
+    if changes := registers.list_changes(robot):
+        remarks.append(
             f"the source is paired as given, not as the recording's registers say ({'; '.join(changes)}): φ then "
             "learns this difference"
         )
     if registers.changing:
-        return (
+        remarks.append(
             "the source is paired as given, although the recording's registers "
             f"{join_items(registers.changing)} differ between episodes: φ cannot tell them apart; train it on the "
             "episodes of one setting (--episodes)"
         )
-    return None
+    return "; ".join(remarks) or None
 
 
 def keep_source(

@@ -8,7 +8,6 @@ import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
-from nas_data.count_of import count_of
 from nas_data.runs.progress import begin, say
 
 if TYPE_CHECKING:
@@ -44,6 +43,7 @@ class GapAdd(TakesModel):
         from nas_data.gap.problem import Problem
         from nas_data.gap.score_model import score_model
         from nas_data.gap.search.final import FinalFit
+        from nas_data.gap.windows import describe_windows
         from nas_data.joint_units import find_display_unit
 
         check_output_folder(self.out, self.model)
@@ -63,7 +63,7 @@ class GapAdd(TakesModel):
             if errors is not None and (unit := find_display_unit(errors.unit))
         )
         text = (
-            f"Open-loop position error on {count_of(len(problem.held.evidence), 'held-out episode')}: {shown}, "
+            f"Open-loop position error on {describe_windows(problem.held.evidence.numbers, 'held-out')}: {shown}, "
             f"computed with the written file.\n{outcome.model}"
         )
         data: dict[str, object] = {"model": outcome.model, "before": found.before, "after": found.after}

@@ -1,6 +1,5 @@
 """Position gains that the frames of a recording hold, as registers of the servos."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -42,13 +41,3 @@ def read_position_gains(dataset: Dataset, name: str | Path = "") -> np.ndarray:
         if len(values):
             gains[place] = values[0]
     return gains
-
-
-def group_by_gain(dataset: Dataset) -> Iterator[list[int]]:
-    """Yield the places of the episodes with each position gain; all of them if the frames hold none."""
-    if P_GAIN_COLUMN not in dataset.columns:
-        yield list(range(dataset.n_episodes))
-        return
-    gains = read_position_gains(dataset)
-    for values in np.unique(gains, axis=0):
-        yield np.flatnonzero((gains == values).all(axis=1)).tolist()

@@ -32,6 +32,8 @@ def select_episodes(target: Target | None, episodes: Sequence[int], count: int) 
 def join_targets(parts: Sequence[tuple[Target | None, int]]) -> Target | None:
     """Return the target of consecutive datasets: what all share, and the entries by episode; None if nothing is left.
 
+    Episodes without known registers have an empty table if others have some.
+
     Args:
         parts: Target and number of episodes of each dataset.
     """
@@ -39,10 +41,10 @@ def join_targets(parts: Sequence[tuple[Target | None, int]]) -> Target | None:
     shared = [{key: item for key, item in target.items() if key not in (REGISTERS, EPISODES)} for target in targets]
     joined: dict[str, object] = dict(shared[0]) if all(other == shared[0] for other in shared) else {}
     histories = [read_history(target) for target in targets]
-    if all(histories):
+    if any(histories):
         counts = [count for _, count in parts]
         joined[REGISTERS] = write_history(
-            find_joints(history, episode)
+            find_joints(history, episode) if history else {}
             for history, count in zip(histories, counts, strict=True)
             for episode in range(count)
         )

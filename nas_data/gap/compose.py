@@ -106,8 +106,8 @@ def compose(
         experiments=experiment.compared,
         find=found,
         episodes=EpisodeNumbers(
-            train=tuple(np.unique(problem.train.evidence.numbers).tolist()),
-            heldout=tuple(np.unique(held.evidence.numbers).tolist()),
+            train=tuple(np.unique(problem.number_episodes(problem.train.evidence)).tolist()),
+            heldout=tuple(np.unique(problem.number_episodes(held.evidence)).tolist()),
             begin_in_motion=held.evidence.begins_in_motion,
         ),
         seed=0,
@@ -334,7 +334,7 @@ def write_series(folder: Path, problem: Problem, naming: Naming, outcome: HeldOu
     series = {
         "time": evidence.period * np.arange(1, evidence.commands.shape[1] + 1),
         "joints": np.array(evidence.joints),
-        "episodes": evidence.numbers,
+        "episodes": problem.number_episodes(evidence),
         "measured": evidence.measured,
         "command": evidence.commands,
         "before": outcome.before.positions,

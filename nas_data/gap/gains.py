@@ -25,17 +25,19 @@ def with_relative_gains(dataset: Dataset, model: str | Path, name: str | Path) -
         name: Name of the dataset in errors.
 
     Raises:
-        ModelFileError: the gains differ and the model does not state the register of its own.
+        ModelFileError: the gains of a joint differ and the model does not state its register.
         DatasetInvalid: a register is not a positive number, or changes within an episode.
     """
     if P_GAIN_COLUMN not in dataset.columns or not dataset.n_frames:
         return dataset
     registers, own = read_position_gains(dataset, name), read_model_registers(model, dataset.joints)
-    if own is None:
-        check_equal_gains(registers[registers.any(axis=1)], model, name)
+    unstated = np.isnan(own)
+    check_equal_gains(registers[registers.any(axis=1)][:, unstated], model, name)
+    if unstated.all():
         return dataset
     feature = Feature(tuple(joint + POSITION for joint in dataset.joints))
-    return dataset.with_column(RELATIVE_GAIN, feature, np.repeat(registers / own, dataset.lengths, axis=0))
+    ratios = np.where(unstated, 1.0, registers / own)
+    return dataset.with_column(RELATIVE_GAIN, feature, np.repeat(ratios, dataset.lengths, axis=0))
 
 
 def read_relative_gains(dataset: Dataset) -> np.ndarray:
@@ -47,16 +49,15 @@ def read_relative_gains(dataset: Dataset) -> np.ndarray:
     return gains
 
 
-def read_model_registers(model: str | Path, joints: Sequence[str]) -> np.ndarray | None:
-    """Return the P registers that correspond to a model's gains, shape (n,); None if not stated.
+def read_model_registers(model: str | Path, joints: Sequence[str]) -> np.ndarray:
+    """Return the P registers that correspond to a model's gains, shape (n,); NaN where it states none.
 
     Raises:
         ModelFileError: the model cannot be read, or a value is not a positive number.
     """
     robot = find_robot(model)
     spec = robot.spec()
-    stated = [read_stated(spec, robot, P_GAIN, joint) for joint in joints]
-    return None if None in stated else np.array(stated, float)
+    return np.array([read_stated(spec, robot, P_GAIN, joint) for joint in joints], float)
 
 
 def check_equal_gains(registers: np.ndarray, model: str | Path, name: str | Path) -> None:

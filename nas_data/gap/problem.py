@@ -83,7 +83,7 @@ class Problem:
             dataset: Folder of the recording.
             model: Robot's name or model file.
             baseline: Folder of a recording that `model` describes; see `compare_with`.
-            registers: Servo registers of a recording that stores none.
+            registers: Servo registers that the recording does not store.
 
         Raises:
             NasError: one of them cannot be used; the message names it.
@@ -108,12 +108,16 @@ class Problem:
             recorded: Transitions with 2n-states.
             model: Robot's name or model file.
             root: Folder of the dataset, for names and errors; None if it is only in memory.
-            registers: Servo registers of a recording that stores none.
+            registers: Servo registers that the recording does not store.
 
         Raises:
             NasError: one of the two cannot be used; the message names it.
         """
-        transitions = with_relative_gains(recorded, model, root or "The dataset")
+        own = ServoRegisters.of(recorded, root).over(registers)
+        transitions = recorded
+        if P_GAIN_COLUMN in recorded.columns and P_GAIN in own.changing:  # simulated episode by episode
+            transitions = with_relative_gains(recorded, model, root or "The dataset")
+            own = own.without(P_GAIN)
         kept = keep_torque_on_and_fall(transitions)
         evidence = EpisodeBatch.of(kept)
         if len(evidence) < 2:
@@ -127,10 +131,7 @@ class Problem:
                 f"{root or 'The dataset'} has {count_of(len(evidence), 'episode')}; at least two are needed, one to "
                 f"fit and one to test: record more, or {cut}."
             )
-        own = ServoRegisters.of(transitions, root)
-        if P_GAIN_COLUMN in transitions.columns:  # simulated episode by episode
-            own = own.without(P_GAIN)
-        as_given = Nominal.load(model, evidence, own if own.values or own.changing else registers)
+        as_given = Nominal.load(model, evidence, own)
         check_fits(transitions, as_given.simulator())
         overlaps = find_overlaps(as_given, kept)
         nominal = exclude_contacts(as_given, overlaps)
@@ -185,6 +186,10 @@ class Problem:
         contrast = Contrast(replace(tasks[1], usual_error=usual.predict(tasks[1].evidence.motions)))
         changed = replace(self, train=train, held=held, as_given=as_given, baseline=baseline, contrast=contrast)
         return replace(changed, subtracts_baseline=bool(is_repeated.any()))
+
+    def number_episodes(self, evidence: EpisodeBatch) -> np.ndarray:
+        """Return the number of each episode in the recording from which the dataset's were selected, shape (E,)."""
+        return np.array(self.dataset.episode_numbers)[evidence.numbers]
 
     @cached_property
     def without_registers(self) -> Nominal:

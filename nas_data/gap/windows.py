@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from nas_data.arrays import thin_evenly
+from nas_data.count_of import count_of
 from nas_data.dataset.start_velocities import fit_velocity
 from nas_data.gap.episode_batch import PARTS, EpisodeBatch
 
@@ -74,6 +75,18 @@ def estimate_velocity(evidence: EpisodeBatch, episode: int, row: int) -> tuple[n
     measured = evidence.measured_velocities[episode, row - 1]
     is_measured = np.isfinite(measured)
     return np.where(is_measured, measured, values), deviations
+
+
+def describe_windows(numbers: Sequence[int] | np.ndarray, adjective: str = "") -> str:
+    """Return the number of episodes as words, and into how many windows they are cut if they are.
+
+    Args:
+        numbers: Number of the episode of each window.
+        adjective: Word before `episode`.
+    """
+    count = len(np.unique(numbers))
+    episodes = count_of(count, f"{adjective} episode".lstrip())
+    return episodes if count == len(numbers) else f"{episodes}, in {count_of(len(numbers), 'window')}"
 
 
 def cut_window(evidence: EpisodeBatch, episode: int, first: int, steps: int) -> EpisodeBatch:

@@ -120,6 +120,7 @@ class Evaluation:
             "unit": one.unit.si,
             "units": {joint: find_joint_unit(joint, one.slides).si for joint in one.joints},
             "episodes": list(self.episode_numbers),
+            "notes": list(self.notes),
             "one_step": {name: errors.to_json() for name, errors in self.one_step.items()},
             "open_loop": {name: errors.to_json() for name, errors in self.open_loop.items()},
             "diverged": {

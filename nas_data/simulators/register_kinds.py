@@ -11,8 +11,16 @@ from typing import TypeAlias
 
 import mujoco
 
+from nas_data.effects.base import find_joint_actuator
 from nas_data.effects.edits.integral import has_integral, scale_integral
-from nas_data.effects.edits.servo import read_servo_damping, scale_damping, scale_limit, scale_stiffness
+from nas_data.effects.edits.servo import (
+    is_position_controlled,
+    read_position_feedback,
+    read_servo_damping,
+    scale_damping,
+    scale_limit,
+    scale_stiffness,
+)
 from nas_data.robots.ergojr import VELOCITY_QUANTUM
 from nas_data.simulators.goal_registers import DeadZone, GoalAcceleration, GoalSpeed, LeastOutput
 from nas_data.simulators.register_changes import RegisterChange, RegisterRatio, Unusable
@@ -102,6 +110,12 @@ def read_profile(name: str, is_time_based: bool = False) -> Reader:
     return read
 
 
+def is_position_servo(spec: mujoco.MjSpec, joint: str) -> bool:
+    """Whether a joint's actuator is commanded a position and feeds it back."""
+    actuator = find_joint_actuator(spec, joint)
+    return read_position_feedback(actuator) > 0 and is_position_controlled(actuator)
+
+
 def scale_supply(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
     """Multiply the supply voltage of a servo that sets the duty of its motor; its back-EMF, a damping, stays."""
     scale_stiffness(spec, joint, factor)
@@ -118,7 +132,7 @@ KINDS = {
             name=P_GAIN,
             words="position gain",
             read=read_lowest(P_GAIN, "P_Coefficient", "Position_P_Gain"),
-            change=RegisterRatio("position gain", scale_stiffness),
+            change=RegisterRatio("position gain", scale_stiffness, is_position_servo),
             is_positive=True,
         ),
         RegisterKind(
@@ -198,7 +212,7 @@ KINDS = {
             name=SUPPLY,
             words="supply voltage",
             read=lambda table: None,  # not a setting: `nas.voltage` of the frames
-            change=RegisterRatio("servo's torque", scale_supply),
+            change=RegisterRatio("servo's torque", scale_supply, is_position_servo),
             is_positive=True,
             is_measured=True,
         ),

@@ -12,7 +12,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.position_gains import P_GAIN_COLUMN, read_position_gains
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.supply_voltage import read_supply_voltages
-from nas_data.dataset.target_episodes import read_history
+from nas_data.dataset.target_episodes import find_joints, read_history
 from nas_data.effects.edits.explicit_values import make_values_explicit
 from nas_data.errors import ModelFileError
 from nas_data.robots.base import ConsecutiveEdits, Robot
@@ -67,6 +67,11 @@ class ServoRegisters:
         first, *others = entries or [{}]
         changing = tuple(name for name in KINDS if any(other.get(name) != first.get(name) for other in others))
         return cls({name: values for name, values in first.items() if name not in changing}, changing)
+
+    def over(self, others: "ServoRegisters") -> "ServoRegisters":
+        """Return these registers, and others where these say nothing."""
+        more = {name: values for name, values in others.values.items() if name not in self.changing}
+        return ServoRegisters({**more, **self.values}, self.changing)
 
     def without(self, register: str) -> "ServoRegisters":
         """Return the registers without one that the recording holds in another way."""
@@ -149,6 +154,31 @@ class ServoRegisters:
 
 
 NO_REGISTERS = ServoRegisters()
+
+
+def group_by_registers(dataset: Dataset) -> Iterator[tuple[list[int], ServoRegisters]]:
+    """Yield the places of the episodes with each setting of the servos, and their registers.
+
+    The supply voltage is the mean of all episodes.
+
+    Raises:
+        DatasetInvalid: a position gain changes within an episode.
+    """
+    history = read_history((dataset.origin.provenance.target if dataset.origin else None) or {})
+    volts = read_supply_voltages(dataset)
+    gains = read_position_gains(dataset) if P_GAIN_COLUMN in dataset.columns else None
+    groups: list[tuple[ServoRegisters, list[int]]] = []
+    for place in range(dataset.n_episodes):
+        values = _normalise(find_joints(history, place), dataset.joints) if history else {}
+        if gains is not None:
+            values[P_GAIN] = dict(zip(dataset.joints, gains[place].tolist(), strict=True)) if gains[place].any() else {}
+        registers = ServoRegisters({**values, **({SUPPLY: volts} if volts else {})})
+        known = next((places for other, places in groups if other == registers), None)
+        if known is None:
+            groups.append((registers, [place]))
+        else:
+            known.append(place)
+    yield from ((places, registers) for registers, places in groups)
 
 
 @dataclass(frozen=True)

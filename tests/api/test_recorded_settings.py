@@ -19,6 +19,7 @@ from nas_data.gap.problem import Problem
 from nas_data.models.presets import preset
 from nas_data.reports.films.motion import follow
 from nas_data.simulators.mujoco import MujocoSimulator
+from nas_data.simulators.servo_registers import ServoRegisters, group_by_registers
 
 MODEL = Path(__file__).parents[2] / "docs/results/xl330.xml"  # states the register of its gain, 400
 PERIOD, STEPS, ON = 0.005, 160, 60
@@ -211,3 +212,29 @@ def test_the_sign_of_commands_is_judged_where_the_torque_is_on():
     on = np.concatenate([np.arange(length) < ON for length in dataset.lengths])[:, None].astype(np.float32)
     known = dataset.with_column(TORQUE, Feature(("a",)), on)
     assert not any(finding.check == "command_sign" for finding in audit_dataset(known))
+
+
+def test_a_constant_gain_is_a_register_of_the_model_in_a_report(tmp_path: Path):
+    problem = Problem.of(record((200, 200)), MODEL, None)
+    assert problem.as_given.registers.values == {"p_gain": {"pendulum": 200.0}}
+    assert (problem.evidence.gains == 1).all()
+    assert np.sqrt(problem.evidence.mean_squares(problem.as_given.predict(problem.evidence))).max() < SAME
+
+
+def test_episodes_keep_their_numbers_in_a_report():
+    problem = Problem.of(record((400, 400, 400, 400)).select([1, 3]), MODEL, None)
+    train, held = (problem.number_episodes(task.evidence).tolist() for task in (problem.train, problem.held))
+    assert sorted([*train, *held]) == [1, 3]
+
+
+def test_a_gain_is_used_in_the_joints_whose_register_the_model_states():
+    dataset = two_joints(np.ones((3, 40, 2)))
+    gains = Feature(("a", "b"))
+    known = dataset.with_column(P_GAIN_COLUMN, gains, np.tile([200.0, 300.0], (dataset.n_frames, 1)))
+    registers = ServoRegisters.of(known)
+    assert registers.values["p_gain"] == {"a": 200.0, "b": 300.0}
+    rising = np.repeat([100.0, 200.0, 400.0], dataset.lengths)
+    changing = dataset.with_column(P_GAIN_COLUMN, gains, np.stack([rising, np.full(len(rising), 300.0)], axis=1))
+    assert ServoRegisters.of(changing).changing == ("p_gain",)
+    groups = [(places, found.values["p_gain"]["a"]) for places, found in group_by_registers(changing)]
+    assert groups == [([0], 100.0), ([1], 200.0), ([2], 400.0)]

@@ -366,7 +366,8 @@ def test_merged_recordings_keep_their_registers():
     history = join_targets(parts)["registers"]
     assert [entry["from_episode"] for entry in history] == [0, 4]
     assert history[1]["joints"]["pendulum"]["p_gain"] == 200
-    assert join_targets([*parts, ({}, 2)]) is None
+    unknown = join_targets([*parts, ({}, 2)])["registers"]
+    assert unknown == [*history, {"from_episode": 7, "joints": {}}]
     # the same history in two recordings is one after the other
     twice = join_targets([({"registers": [{"from_episode": 0, "joints": 1}, {"from_episode": 2, "joints": 2}]}, 3)] * 2)
     assert [entry["from_episode"] for entry in twice["registers"]] == [0, 2, 3, 5]
@@ -495,3 +496,50 @@ def test_voltages_are_used_in_volts_and_millivolts_for_one_servo_or_all(unit, re
     measured = dataset.with_column("nas.voltage", Feature(("voltage",), (unit,) if unit else ()), column)
     expected = {} if volts is None else {"supply_voltage": {"pendulum": volts}}
     assert ServoRegisters.of(measured).values == expected
+
+
+def test_each_episode_is_evaluated_with_its_own_registers(arm):
+    whole, half = recording("command_delay:delay=0", 2), recording(CHANGED["p_gain"][1], 2)
+    parts = [np.concatenate([one.states, one.next_states[-1:]])[:, :1] for one in (whole.select([0]), half.select([1]))]
+    commands = [one.commands for one in (whole.select([0]), half.select([1]))]
+    both = Dataset.from_arrays(parts, commands, rate=50, joints=["pendulum"])
+    found = nas.evaluate(arm, told(both, FULL, LOW), plain_fit=False)
+    assert max(found.open_loop["source"].per_episode) < 0.01
+    assert any(note.startswith("Episode 1: ") and "multiplied by 0.5" in note for note in found.notes)
+    assert found.to_json()["notes"] == list(found.notes)
+    errors = nas.evaluate(arm, told(both, FULL), plain_fit=False).open_loop["source"].per_episode
+    assert errors[1] > 0.02
+
+
+def test_registers_of_a_report_stand_where_the_recording_has_none(arm):
+    known = ServoRegisters({"p_gain": {"pendulum": 200.0}})
+    assert read({"torque_limit": 500}).over(known).values == {
+        "p_gain": {"pendulum": 200.0},
+        "torque_limit": {"pendulum": 500.0},
+    }
+    assert read(FULL).over(known).values["p_gain"] == {"pendulum": 400.0}
+    assert "p_gain" not in read(FULL, LOW).over(known).values
+
+
+def test_only_position_servos_have_gains_and_supplies(tmp_path):
+    speed = tmp_path / "speed.xml"
+    speed.write_text(
+        """<mujoco><custom><numeric name="p_gain" data="400"/><numeric name="supply_voltage" data="7.4"/></custom>
+        <worldbody><body><joint name="pendulum" axis="0 1 0"/><geom size="0.05" mass="1"/></body></worldbody>
+        <actuator><velocity joint="pendulum" kv="4"/></actuator></mujoco>"""
+    )
+    robot = find_robot(speed)
+    registers = ServoRegisters({"p_gain": {"pendulum": 200.0}, "supply_voltage": {"pendulum": 6.0}})
+    assert np.array_equal(compiled(registers.set_in(robot)).actuator_gainprm, compiled(robot).actuator_gainprm)
+    told_of = " ".join(registers.describe(robot))
+    assert "p_gain is not used in pendulum, because the model's servo has no position gain" in told_of
+    assert "supply_voltage is not used in pendulum" in told_of
+
+
+def test_registers_are_set_in_pybullet_too(arm):
+    dataset = recording(CHANGED["p_gain"][1], 2)
+    errors = [
+        nas.evaluate(arm, told(dataset, registers), engine="bullet", plain_fit=False).open_loop["source"].overall
+        for registers in (LOW, FULL)
+    ]
+    assert errors[0] < 0.3 * errors[1]

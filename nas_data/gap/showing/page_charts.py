@@ -22,6 +22,7 @@ from nas_data.gap.showing.figures import (
 )
 from nas_data.gap.showing.page_words import format_value
 from nas_data.gap.showing.series import Series
+from nas_data.gap.windows import describe_windows
 from nas_data.joint_units import JointUnit, find_joint_unit
 from nas_data.reports.charts import (
     Trace,
@@ -61,8 +62,9 @@ def draw_model_errors(report: GapReport, series: Series) -> Chart:
     traces.append(make_bar(series, FLOOR, np.array([series.overall_floor]), Stroke(LIGHT)))
     return draw_bar_chart(
         "errors",
-        f"Error of each model on the {len(series.episodes)} held-out episodes. Thin lines reach from the best episode "
-        f"to the worst. {explain_legend(report)}.",
+        f"Error of each model on {describe_windows(series.episodes, 'held-out')}. Thin lines reach from the best "
+        f"{'episode' if len(np.unique(series.episodes)) == len(series.episodes) else 'window'} to the worst. "
+        f"{explain_legend(report)}.",
         traces,
         f"RMSE over {series.over}",
     )

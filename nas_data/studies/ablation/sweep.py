@@ -288,7 +288,7 @@ def check_sources(plan: SweepPlan, dataset: Dataset, kinds: dict[str, ModelKind]
 def check_naming(plan: SweepPlan, dataset: Dataset, source: SourceModel, kind: str) -> None:
     """Refuse a source that naming does not support, and given effects of another robot."""
     if plan.material.effects is not None:
-        read_named(plan.material.effects, source, dataset)
+        read_named(plan.material.effects, source, dataset, plan.material.root)
     elif source.engine != ENGINES[0] or source.effects:
         what = f"runs in {source.engine}" if source.engine != ENGINES[0] else "has effects already"
         raise ModelFileError(

@@ -11,6 +11,7 @@ from nas_data.gap.name import name
 from nas_data.gap.problem import Problem
 from nas_data.gap.side_by_side import on_one_core
 from nas_data.robots.base import Robot, find_robot
+from nas_data.simulators.servo_registers import ServoRegisters
 from nas_data.sources import SourceModel
 from nas_data.studies.ablation.kinds.base import ModelKind, TrainedPredictor, TrainingInput
 
@@ -38,9 +39,15 @@ def name_effects(data: Dataset, source: SourceModel, root: Path) -> NamedSource:
     return add(ModelCorrection(root, tuple(final.effects), factors, problem.as_given.registers), source, data)
 
 
-def read_named(path: Path, source: SourceModel, data: Dataset) -> NamedSource:
-    """Use the effects of an earlier gap report; raises OptionError or JointMismatch if it does not match."""
-    return add(ModelCorrection.read(path), source, data)
+def read_named(path: Path, source: SourceModel, data: Dataset, root: Path) -> NamedSource:
+    """Use the effects of an earlier gap report, and the registers of the recording.
+
+    Raises:
+        OptionError, JointMismatch: the report does not match.
+    """
+    found = ModelCorrection.read(path)
+    registers = ServoRegisters.of(data, root).over(found.registers)
+    return add(replace(found, registers=registers), source, data)
 
 
 def add(named: ModelCorrection, source: SourceModel, data: Dataset) -> NamedSource:
@@ -54,7 +61,7 @@ def add(named: ModelCorrection, source: SourceModel, data: Dataset) -> NamedSour
 def learn(lesson: TrainingInput) -> TrainedPredictor:
     """Name effects, or use the given ones."""
     named = (
-        read_named(lesson.effects, lesson.plain, lesson.data)
+        read_named(lesson.effects, lesson.plain, lesson.data, lesson.root)
         if lesson.effects
         else name_effects(lesson.data, lesson.plain, lesson.root)
     )
