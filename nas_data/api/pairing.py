@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from nas_data.api.arguments import Actuators, as_correction, as_dataset, as_model
-from nas_data.count_of import join_items
+from nas_data.count_of import count_of, join_items
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import Origin
 from nas_data.dataset.provenance import format_current_time, read_package_versions
+from nas_data.dataset.torque_off import TORQUE, find_torque_off, find_torque_on
 from nas_data.effects.base import Effect, parse
 from nas_data.errors import DatasetInvalid, NasError
 from nas_data.gap.report import GapReport
@@ -17,7 +18,7 @@ from nas_data.log import warn
 from nas_data.pairing import describe_missing_objects, warn_of_overlaps, warn_of_ranges
 from nas_data.pairing import pair as pair_with
 from nas_data.robots.base import Robot, find_robot
-from nas_data.simulators.engines import load_simulator
+from nas_data.simulators.engines import MUJOCO, load_simulator
 from nas_data.simulators.servo_registers import ServoRegisters
 from nas_data.sources import check_kept, collect_source_files, describe_left_out
 
@@ -104,7 +105,8 @@ def make_pairs(recorded: Dataset, by: PairingSource) -> Pairing:
     warnings = [*warn_of_ranges(recorded, robot), *warn_of_overlaps(recorded, simulator), *missing]
     warn(missing)
     files, remark = keep_source(robot, added, paired, by.engine, model)
-    remarks = tuple(filter(None, [describe_other_registers(recorded, robot), remark]))
+    known = describe_other_registers(recorded, robot), describe_powered_rows(recorded, by.engine), remark
+    remarks = tuple(filter(None, known))
     origin, source = recorded.origin, simulator.describe()
     assert origin is not None
     made = {
@@ -140,6 +142,15 @@ def describe_other_registers(recorded: Dataset, robot: Robot) -> str | None:
             "episodes of one setting (--episodes)"
         )
     return "; ".join(remarks) or None
+
+
+def describe_powered_rows(recorded: Dataset, engine: str) -> str | None:
+    """Return a remark on rows that are predicted with torque where the recording has none at some servo."""
+    without = ~find_torque_on(recorded)
+    if engine == MUJOCO:
+        without &= ~find_torque_off(recorded)
+    count = int(without.sum())
+    return f"{count_of(count, 'row')} without torque at some servo ({TORQUE}) predicted with torque" if count else None
 
 
 def keep_source(

@@ -18,6 +18,7 @@ from nas_data.errors import DatasetInvalid, OptionError
 from nas_data.gap.problem import Problem
 from nas_data.models.presets import preset
 from nas_data.reports.films.motion import follow
+from nas_data.simulators.engines import ENGINES
 from nas_data.simulators.mujoco import MujocoSimulator
 from nas_data.simulators.servo_registers import ServoRegisters, group_by_registers
 
@@ -238,3 +239,10 @@ def test_a_gain_is_used_in_the_joints_whose_register_the_model_states():
     assert ServoRegisters.of(changing).changing == ("p_gain",)
     groups = [(places, found.values["p_gain"]["a"]) for places, found in group_by_registers(changing)]
     assert groups == [([0], 100.0), ([1], 200.0), ([2], 400.0)]
+
+
+def test_pairing_says_in_how_many_rows_servos_have_torque_that_the_robot_s_lacked():
+    dataset = record((400, 400), on=ON)
+    remarks = [make_pairs(dataset, PairingSource(model=MODEL, engine=engine)).remarks for engine in ENGINES]
+    assert remarks[0] == ()
+    assert f"{2 * (STEPS - ON)} rows without torque at some servo" in remarks[1][0]
