@@ -19,6 +19,10 @@ class DatasetInvalid(NasError, ValueError):
     """A dataset is half-written, damaged or breaks the contract."""
 
 
+class VideosMissing(DatasetInvalid):
+    """Video files of a dataset are missing."""
+
+
 class JointMismatch(NasError, ValueError):
     """Two things that must share joints (dataset, model, checkpoint, command file) do not."""
 

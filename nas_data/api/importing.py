@@ -9,10 +9,11 @@ from nas_data.api.arguments import Progress
 from nas_data.dataset.cutting import cut_every, find_original_episodes
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import subtasks
+from nas_data.dataset.external import name_folder
 from nas_data.dataset.origin import Origin
 from nas_data.dataset.target_episodes import select_episodes
 from nas_data.dataset.versions import resolve
-from nas_data.errors import LogError, OptionError
+from nas_data.errors import DatasetInvalid, JointMismatch, LogError, OptionError
 from nas_data.importing.calibration import find_range_middles, find_side, match_motors
 from nas_data.importing.lerobot import (
     BY_OPTIONS,
@@ -117,7 +118,7 @@ def import_logs(
         model: Model of the robot, to check sign and zero of each joint.
         rate: Rows per second [Hz] of a LeRobot dataset; None for its own rate.
         uniform: Treat the rows of a LeRobot dataset as evenly spaced, whatever its time stamps.
-        unwrap: Unwrap joints whose encoders jump after a whole turn.
+        unwrap: Unwrap joints whose encoders or commands jump after a whole turn.
         cut: Cut episodes into segments of this length [s].
         progress: Called with the name of each log.
 
@@ -155,7 +156,10 @@ def read_logs(request: ImportRequest) -> Imported:
     mapping, notes = find_map(request)
     if mapping is None:
         name = choose_dataset_name(request.logs)
-        dataset, provenance, findings = import_dataset(request.logs[0], request.lerobot_options)
+        try:
+            dataset, provenance, findings = import_dataset(request.logs[0], request.lerobot_options)
+        except (DatasetInvalid, JointMismatch) as error:
+            raise name_folder(request.logs[0], error) from None
         result = Import(dataset, provenance, subtasks([resolve(request.logs[0])]), findings)
     else:
         name, result = mapping.robot, import_by_map(request.logs, mapping, request.progress, find_centres(request))

@@ -75,6 +75,10 @@ def describe_content(found: "Difference") -> Iterator[str]:
     yield from (f"  task of episode {i}/{j}: '{a}' in A, '{b}' in B" for i, j, a, b in found.tasks[:SHOWN])
     if len(found.tasks) > SHOWN:
         yield f"  … and {len(found.tasks) - SHOWN} more tasks (--json lists all)"
+    for i, j, frames, first in found.frame_tasks[:SHOWN]:
+        yield f"  tasks of episode {i}/{j}: differ in {count_of(frames, 'frame')}, first in frame {first}"
+    if len(found.frame_tasks) > SHOWN:
+        yield f"  … and {len(found.frame_tasks) - SHOWN} more episodes with tasks in other frames (--json lists all)"
 
 
 def list_first(items: tuple[int, ...] | list[str]) -> str:

@@ -55,7 +55,7 @@ class ImportLogs(Command):
     uniform: bool = False
     """Treat the rows of a LeRobot dataset as evenly spaced, whatever their timestamps."""
     unwrap: bool = False
-    """Unwrap joints whose encoders jump after a whole turn, such as from 180° to −180°."""
+    """Unwrap joints whose encoders or commands jump after a whole turn, such as from 180° to −180°."""
     cut: float | None = None
     """Cut episodes into segments of this length [s], such as 3; they stay whole by default."""
     name: str | None = None

@@ -26,7 +26,7 @@ def hash_content(dataset: Dataset) -> str:
     """Return the SHA-256 of a dataset's logical content, as hexadecimal digits.
 
     The hash covers the features (key, names, units, dtype) sorted by key, the rate, the robot type, and each episode's
-    length, task and exact values, little-endian. It ignores file layout, column order, provenance and LeRobot's
+    length, tasks and exact values, little-endian. It ignores file layout, column order, provenance and LeRobot's
     automatic columns. Of pass-through features it covers only the description.
     """
     header: dict[str, object] = {
@@ -43,10 +43,18 @@ def hash_content(dataset: Dataset) -> str:
     if dataset.passthrough and dataset.passthrough.features:
         described = dataset.passthrough.features
         header["carried"] = {key: [entry.get("dtype"), entry.get("shape")] for key, entry in described.items()}
+    if dataset.frame_tasks is not None:
+        header["task_spans"] = _list_task_spans(dataset.frame_tasks)
     digest = hashlib.sha256(json.dumps(header, sort_keys=True, separators=(",", ":")).encode())
     for key in sorted(dataset.features):
         digest.update(convert_to_little_endian(dataset, key).data)
     return digest.hexdigest()
+
+
+def _list_task_spans(frame_tasks: np.ndarray) -> list[tuple[int, str]]:
+    """Return the frames at which another task begins, with that task; few even in long recordings."""
+    begins = np.concatenate([[True], frame_tasks[1:] != frame_tasks[:-1]])[: len(frame_tasks)]
+    return [(start, str(frame_tasks[start])) for start in np.flatnonzero(begins).tolist()]
 
 
 def hash_episodes(dataset: Dataset, keys: Sequence[str]) -> list[str]:

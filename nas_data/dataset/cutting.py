@@ -34,10 +34,13 @@ def cut_every(dataset: Dataset, seconds: float) -> Dataset:
     """Cut episodes into parts of a given length [s]; the remainder stays with the last part.
 
     Raises:
-        OptionError: the parts would be shorter than three frames, or no episode is as long as two of them.
+        OptionError: the length is no number, the parts would be shorter than three frames, or no episode is as long as
+            two of them.
     """
+    if not np.isfinite(seconds * dataset.fps):
+        raise OptionError(f"The length of a segment is {seconds:g} s; give a number of seconds, such as 3.")
     size = round(seconds * dataset.fps)
-    if not np.isfinite(seconds) or size < SHORTEST:
+    if size < SHORTEST:
         raise OptionError(
             f"Segments of {seconds:g} s have {count_of(max(size, 0), 'frame')} at {dataset.fps:g} Hz; give at least "
             f"{SHORTEST / dataset.fps:.2g} s."

@@ -53,6 +53,7 @@ class Difference:
         unmatched: Episodes in only one dataset.
         values: Feature → difference of its values in the compared episodes.
         tasks: Episodes with different tasks: (episode in A, in B, task in A, in B).
+        frame_tasks: Episodes with the same tasks in other frames: (episode in A, in B, frames that differ, first one).
         provenance: Differences in provenance; they do not count as content.
     """
 
@@ -69,6 +70,7 @@ class Difference:
     unmatched: tuple[tuple[int, ...], tuple[int, ...]]
     values: Mapping[str, Change]
     tasks: tuple[tuple[int, int, str, str], ...]
+    frame_tasks: tuple[tuple[int, int, int, int], ...]
     provenance: Mapping[str, tuple[object, object]]
 
     @property
@@ -108,6 +110,7 @@ def compare_datasets(
     rest = _find_unpaired_episodes(range(a.n_episodes), range(b.n_episodes), equal)
     lengths = [{episode: int(d.lengths[episode]) for episode in own} for d, own in zip((a, b), rest, strict=True)]
     compared = tuple(match(lengths[0], lengths[1])) if same_kind else ()
+    matched = sorted([*equal, *compared])
     return Difference(
         content_hashes=(hash_content(a), hash_content(b)),
         only=_find_exclusive_items(tuple(a.features), tuple(b.features)),
@@ -125,7 +128,8 @@ def compare_datasets(
         compared=compared,
         unmatched=_find_unpaired_episodes(*rest, compared),
         values={key: change for key in same_kind if (change := _compare_feature(a, b, key, compared))},
-        tasks=tuple((i, j, a.tasks[i], b.tasks[j]) for i, j in sorted([*equal, *compared]) if a.tasks[i] != b.tasks[j]),
+        tasks=tuple((i, j, a.tasks[i], b.tasks[j]) for i, j in matched if a.tasks[i] != b.tasks[j]),
+        frame_tasks=_compare_frame_tasks(a, b, matched),
         provenance=_compare_provenance(*come_from),
     )
 
@@ -190,6 +194,20 @@ def _compare_feature(a: Dataset, b: Dataset, key: str, pairs: Sequence[tuple[int
     feature = a.features[key] if a.features[key].units else b.features[key]
     unit = feature.units[worst[1]] if feature.units else ""
     return Change(worst[0], unit, feature.names[worst[1]], worst[2], worst[3], frames)
+
+
+def _compare_frame_tasks(
+    a: Dataset, b: Dataset, pairs: Sequence[tuple[int, int]]
+) -> tuple[tuple[int, int, int, int], ...]:
+    """Return the pairs of episodes of the same tasks in other frames, the number of these frames and the first one."""
+    if a.frame_tasks is None and b.frame_tasks is None:
+        return ()
+    tasks, found = (a.task_of_frame, b.task_of_frame), []
+    for i, j in pairs:
+        unlike = np.flatnonzero(tasks[0][a.episode(i)] != tasks[1][b.episode(j)])
+        if unlike.size and a.tasks[i] == b.tasks[j]:
+            found.append((i, j, len(unlike), int(unlike[0])))
+    return tuple(found)
 
 
 def _view_bytes(values: np.ndarray) -> np.ndarray:

@@ -3,10 +3,12 @@
 Datasets that nas recorded or imported were audited at that time.
 """
 
+import re
 import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -17,12 +19,13 @@ from nas_data.dataset.features import STATE, VELOCITY
 from nas_data.dataset.joints import REMEDY, is_gripper
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.transitions import as_transitions, list_single_frames
-from nas_data.errors import DatasetInvalid
+from nas_data.errors import DatasetInvalid, JointMismatch
 
 OURS = {"simulated", "hardware", "imported", "paired"}
 MAPS = Path(__file__).parents[1] / "importing" / "maps"
 ALSO_CALLED = {"so_follower": "so101_follower"}  # LeRobot's name of a SO-100 and a SO-101, whose encoders are equal
 LARGEST = 100.001  # bound of LeRobot's −100 … 100, with rounding
+Refusal: TypeAlias = DatasetInvalid | JointMismatch
 LEROBOT = "_lerobot"  # suffix of the names of maps for LeRobot's datasets
 
 
@@ -43,8 +46,9 @@ def audit_external(root: Path, recorded: Dataset) -> tuple[Dataset, dict[str, st
     """
     try:
         dataset, derived = as_transitions(recorded)
-    except DatasetInvalid as error:
-        raise DatasetInvalid(str(error).replace(REMEDY, import_command(root, recorded))) from None
+    except (DatasetInvalid, JointMismatch) as error:
+        said = str(error).replace(REMEDY, import_command(root, recorded))
+        raise name_folder(root, type(error)(said)) from None
     if is_ours(read_provenance(root)):
         return dataset, derived, ()
     findings = (*report_single_frames(recorded), *audit_dataset(dataset))
@@ -56,6 +60,14 @@ def audit_external(root: Path, recorded: Dataset) -> tuple[Dataset, dict[str, st
         assumed = f"{root} stores no unit: taken as radians; if that is right, store it: {radians}"
         warnings = (f"{assumed}; if not, {import_command(root, recorded)}", *warnings)
     return dataset, derived, warnings
+
+
+def name_folder(root: Path, error: Refusal) -> Refusal:
+    """Return an error about a dataset whose message begins with the dataset's folder, unless it names the folder."""
+    said = str(error)
+    if re.search(rf"(?<![\w/.-]){re.escape(str(root))}(?![\w-])", said):
+        return error
+    return type(error)(f"{root}: {said[:1].lower()}{said[1:]}")
 
 
 def report_single_frames(dataset: Dataset) -> list[AuditFinding]:

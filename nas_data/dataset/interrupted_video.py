@@ -93,7 +93,7 @@ def count_frames(path: Path) -> int:
     import av
 
     if not path.is_file():
-        raise DatasetInvalid(f"{path.name} is missing")
+        raise DatasetInvalid(f"{path} is missing")
     try:
         if is_complete_video(path):
             with av.open(str(path)) as container:

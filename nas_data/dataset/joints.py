@@ -30,13 +30,11 @@ class Components:
         positions: Joint → component.
         velocities: Joint → component.
         efforts: Joint → component.
-        others: Names of the remaining components.
     """
 
     positions: Mapping[str, int]
     velocities: Mapping[str, int]
     efforts: Mapping[str, int]
-    others: tuple[str, ...]
 
     @classmethod
     def of(cls, key: str, feature: Feature) -> "Components":
@@ -56,8 +54,8 @@ class Components:
             else:
                 found[suffix][name.removesuffix(suffix)] = index
         if not any(found.values()):
-            found[POSITION], bare = bare, {}
-        return cls(found[POSITION], found[VELOCITY], found[EFFORT], tuple(bare))
+            found[POSITION] = bare
+        return cls(found[POSITION], found[VELOCITY], found[EFFORT])
 
     def commanded(self) -> dict[str, tuple[str, int]]:
         """Return command type and component of each joint; a torque takes precedence, then a position."""

@@ -55,7 +55,7 @@ def read_json(path: Path) -> dict[str, object]:
         DatasetInvalid: the file is no JSON object.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError) as error:
         raise DatasetInvalid(f"{path} cannot be read as JSON ({error}); restore it from a copy.") from None
     if not isinstance(content, dict):

@@ -181,13 +181,13 @@ def _check_features(a: Original, b: Original) -> None:
         other = b.dataset.features[key]
         if feature != other:
             raise DatasetInvalid(
-                f"'{key}' {_describe_difference(feature, other, a.root, b.root)}; record or import both in the same "
+                f"'{key}' {describe_difference(feature, other, a.root, b.root)}; record or import both in the same "
                 "way to merge "
                 "them."
             )
 
 
-def _describe_difference(a: Feature, b: Feature, where_a: Path, where_b: Path) -> str:
+def describe_difference(a: Feature, b: Feature, where_a: Path | str, where_b: Path | str) -> str:
     """Return a phrase on how two features of one key differ."""
     what = next(what for what in ("names", "units", "dtype") if getattr(a, what) != getattr(b, what))
     here, there = _format_names(getattr(a, what)), _format_names(getattr(b, what))

@@ -24,8 +24,9 @@ from nas_data.dataset.language import has_times, move_times
 from nas_data.dataset.parquet import read_parquet
 from nas_data.dataset.passthrough_source import PassthroughSource, take_rows
 from nas_data.dataset.videos import VIDEO, Clip
-from nas_data.errors import DatasetInvalid
+from nas_data.errors import VideosMissing
 
+SHOWN = 5  # most missing files in a message
 VIDEO_LEFT_OUT = "LeRobot finds video frames by the rate of the video, and the dataset now has a different rate"
 
 
@@ -175,19 +176,26 @@ class PassthroughFeatures:
             fps: Control rate [Hz].
 
         Raises:
-            DatasetInvalid: a video or the episode's place in it is missing.
+            VideosMissing: video files are missing.
+            DatasetInvalid: the table of episodes does not give their places in the videos.
         """
         cameras = [key for key, entry in self.features.items() if entry.get("dtype") == VIDEO]
         found: dict[str, list[Clip]] = {key: [] for key in cameras}
         if not cameras:
             return found
+        missing: dict[PassthroughSource, dict[Path, str]] = {}  # cameras by file
         for start, length in zip(starts, lengths, strict=True):
             source, row = self._find_source(int(self.rows[start]))
             for key in cameras:
                 clip = source.clip(key, row, int(length), fps)
                 if not clip.file.is_file():
-                    raise DatasetInvalid(f"{clip.file} is missing{source.remedy(key)}.")
+                    missing.setdefault(source, {})[clip.file] = key
                 found[key].append(clip)
+        for source, files in missing.items():
+            shown, more = ", ".join(map(str, list(files)[:SHOWN])), len(files) - SHOWN
+            what = f"{shown} and {more} more are" if more > 0 else f"{shown} {'is' if len(files) == 1 else 'are'}"
+            lost = "it" if len(files) == 1 else "them"
+            raise VideosMissing(f"{what} missing{source.remedy(*dict.fromkeys(files.values()), lost=lost)}.")
         return found
 
     def check(self, starts: np.ndarray, lengths: np.ndarray) -> None:

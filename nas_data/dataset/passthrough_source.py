@@ -83,9 +83,10 @@ class PassthroughSource:
         if missing is not None:
             raise DatasetInvalid(f"{path} has no column '{missing}'{self.remedy(missing)}.")
 
-    def remedy(self, key: str) -> str:
-        """Return the remedy for an incomplete feature."""
-        return f"; restore it from a copy, or take '{key}' out of 'features' in {self.root / layout.INFO}"
+    def remedy(self, *keys: str, lost: str = "it") -> str:
+        """Return the remedy for incomplete features; `lost` names what is missing, as a pronoun."""
+        named = ", ".join(f"'{key}'" for key in keys)
+        return f"; restore {lost} from a copy, or take {named} out of 'features' in {self.root / layout.INFO}"
 
     def schema_metadata(self) -> dict[str, object]:
         """Return the column descriptions of the data files for `datasets`."""

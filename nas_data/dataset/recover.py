@@ -26,7 +26,7 @@ from nas_data.dataset.target_episodes import select_episodes
 from nas_data.dataset.verify import METADATA, VerifyInput
 from nas_data.dataset.versions import VERSION, find_home
 from nas_data.dataset.videos import VIDEO
-from nas_data.errors import DatasetInvalid, DatasetNotFound, NasError, OptionError
+from nas_data.errors import DatasetInvalid, DatasetNotFound, NasError, OptionError, VideosMissing
 
 STAGED = re.compile(rf"\.(.+){re.escape(MARK)}[0-9a-f]+")
 
@@ -112,14 +112,15 @@ def recover(root: Path, beyond: bool = False, like: Path | None = None) -> Rescu
     reports += _describe_lost_episodes(found, whole, promised)
     if not kept:
         raise DatasetInvalid(_explain_failure(root, reports, left))
-    if not reports and not left and not STAGED.fullmatch(root.name):
-        if _is_whole(root, provenance):
-            return Rescue(root, None, promised, tuple(kept), (), ())
-        reports.append("the rows are complete, but the metadata are damaged; the metadata are written again")
     tasks = _recover_tasks(root, found, known)
     dataset = _build_dataset(info, found, kept, tasks)
     dataset = replace(dataset, frame_tasks=_recover_frame_tasks(root, found, kept))
     passthrough, left_out = _recover_passthrough(root, info, found, kept, dataset.lengths, described=like is None)
+    if not reports and not left and not STAGED.fullmatch(root.name):
+        if not _is_whole(root, provenance):
+            reports.append("the rows are complete, but the metadata are damaged; the metadata are written again")
+        elif not left_out:
+            return Rescue(root, None, promised, tuple(kept), (), ())
     dataset, reports = replace(dataset, passthrough=passthrough), [*reports, *left_out]
     unknown = [episode for episode in kept if not tasks[episode]]
     if unknown:
@@ -219,13 +220,13 @@ def _recover_passthrough(
 ) -> tuple[PassthroughFeatures | None, list[str]]:
     """Return the pass-through features of the recovered episodes, or the reason why they are left out."""
     keys = info.other_features
-    reason = f"{layout.INFO} is lost"
+    reason, located = f"{layout.INFO} is lost", False
     if described:
         try:
             return PassthroughFeatures.rescued(root, kept, lengths), []
         except DatasetInvalid as error:
-            reason = _strip_remedy(error)
-    if described and {info.features[key].get("dtype") for key in keys} == {VIDEO}:
+            reason, located = _strip_remedy(error), isinstance(error, VideosMissing)
+    if described and not located and {info.features[key].get("dtype") for key in keys} == {VIDEO}:
         try:
             filmed = FilmedSource(root, found.episodes, found.lengths, info.fps)
             return PassthroughFeatures.rescued(root, kept, lengths, filmed), []

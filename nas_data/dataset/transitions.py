@@ -6,7 +6,7 @@ the quadratic of the nearest whole window. The estimate is centred and has no de
 positions. One-step errors on such recordings are therefore too small; open-loop errors are not affected.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import compress
 
@@ -59,7 +59,8 @@ def as_transitions(dataset: Dataset) -> tuple[Dataset, dict[str, str]]:
     for key, components in parts.items():
         known = check_units(dataset, key, components, slides)
         notes = [] if known else ["no unit was stored: taken as radians and SI"]
-        notes += [f"left out: {', '.join(components.others)}"] if components.others else []
+        unused = _list_unused(key, dataset.features[key].names, components)
+        notes += [f"left out: {', '.join(unused)}"] if unused else []
         if notes:
             derived[key] = "; ".join(notes)
         dataset = _arrange_components(dataset, key, components, joints, slides)
@@ -100,6 +101,15 @@ def _find_feature(dataset: Dataset, key: str) -> Feature:
     if key not in dataset.features:
         raise JointMismatch(f"The dataset has no feature '{key}'; it has: {', '.join(dataset.features)}.")
     return dataset.features[key]
+
+
+def _list_unused(key: str, names: Sequence[str], components: Components) -> list[str]:
+    """Return the names of the components that transitions do not have: of each joint an action has one command."""
+    if key == ACTION:
+        used = {place for _, place in components.commanded().values()}
+    else:
+        used = {*components.positions.values(), *components.velocities.values()}
+    return [name for place, name in enumerate(names) if place not in used]
 
 
 def _arrange_components(

@@ -16,7 +16,7 @@ from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.content import hash_content
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.external import add_remedy, is_ours
-from nas_data.dataset.features import NEXT_STATE, STATE, Feature
+from nas_data.dataset.features import NEXT_STATE, STATE, TIME, Feature
 from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.parquet import read_parquet
 from nas_data.dataset.provenance import Provenance, read_provenance
@@ -202,14 +202,19 @@ def _check_statistics(evidence: VerifyInput) -> Iterator[str]:
     """Compare `meta/stats.json`, which policies use for normalisation, with the values."""
     path = evidence.root / layout.STATS
     stats = layout.read_json(path)
-    for key, column in evidence.dataset.columns.items():
+    columns = dict(evidence.dataset.columns)
+    if TIME in columns and TIME not in DatasetInfo.read(evidence.root).features:  # read from LeRobot's time stamps
+        del columns[TIME]
+        columns |= {"timestamp": evidence.rows.columns["timestamp"]} if "timestamp" in stats else {}
+    for key, column in columns.items():
         entry = stats.get(key)
         exact = {"min": column.min(axis=0), "max": column.max(axis=0)}
         for name, values in exact.items():
             stored = np.asarray(entry.get(name), np.float64).reshape(-1) if isinstance(entry, dict) else np.empty(0)
             allowed = STATISTICS_TOLERANCE * np.maximum(1.0, np.abs(values.astype(np.float64)))
+            harm = "" if key == "timestamp" else "; policies would be normalised wrongly"
             if stored.shape != values.shape or (np.abs(stored - values.astype(np.float64)) > allowed).any():
-                yield f"The {name} of '{key}' in {path} does not match the data; policies would be normalised wrongly."
+                yield f"The {name} of '{key}' in {path} does not match the data{harm}."
 
 
 def _report_audit_problems(evidence: VerifyInput) -> Iterator[str]:

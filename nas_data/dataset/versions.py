@@ -1,6 +1,7 @@
 """Versions of datasets: `datasets/<name>/v<N>-<first 8 digits of the content hash>/`, each written once."""
 
 import hashlib
+import json
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,7 +14,8 @@ from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.layout import INFO, SOURCE, SOURCE_EFFECTS
 from nas_data.dataset.provenance import Parent, Provenance, read_provenance
 from nas_data.dataset.staging import check_creatable, lock_folder, publish, staging_folder
-from nas_data.dataset.write import fill, write
+from nas_data.dataset.target_episodes import EPISODES, REGISTERS
+from nas_data.dataset.write import encode_json, fill, write
 from nas_data.errors import DatasetInvalid, DatasetNotFound, OptionError
 
 FOLDER = Path("datasets")
@@ -112,7 +114,9 @@ def write_version(
     attachments: Mapping[str, bytes] | None = None,
     damaged: Path | None = None,
 ) -> Path:
-    """Write a dataset as the next version of its name; return the existing version with the same content and source.
+    """Write a dataset as the next version of its name, unless a version with the same content and origin exists.
+
+    What rows do not hold counts, too: the source, and the servos' registers and the log's constants of each episode.
 
     Args:
         dataset: The dataset.
@@ -121,6 +125,9 @@ def write_version(
         folder: The folder of all datasets.
         attachments: Further files by their path in the dataset.
         damaged: A version not to return, although it claims the same content.
+
+    Returns:
+        The version's folder, or the existing one.
 
     Raises:
         OptionError: the name is not a valid folder name.
@@ -131,12 +138,12 @@ def write_version(
     digest = hash_content(dataset)
     home = folder / name
     written = {name: hashlib.sha256(content).hexdigest() for name, content in (attachments or {}).items()}
-    carries = dataset.passthrough is not None or dataset.frame_tasks is not None
-    existing = None if carries else _find_same_version(home, digest, written, damaged)
+    complete = replace(provenance, content_hash=digest, files=written)
+    existing = None if dataset.passthrough is not None else _find_same_version(home, digest, complete, damaged)
     if existing:
         return existing
     with staging_folder(home / "version") as hidden:
-        fill(hidden, dataset, replace(provenance, content_hash=digest), attachments or {})
+        fill(hidden, dataset, complete, attachments or {})
         return settle(hidden, home, digest, damaged=damaged)
 
 
@@ -165,11 +172,9 @@ def settle(hidden: Path, home: Path, digest: str, number: int = 0, damaged: Path
         The version's folder, or the existing one with the same content.
     """
     with lock_folder(home):  # one process at a time chooses a number
-        staged_provenance = read_provenance(hidden)
-        files = staged_provenance.files if staged_provenance else {}
         info = DatasetInfo.read(hidden)
         carries = bool(info.other_features or info.tools)
-        existing = _find_same_version(home, digest, files, damaged, carries)
+        existing = _find_same_version(home, digest, read_provenance(hidden), damaged, carries)
         if existing:
             return existing
         taken = {_number(path) for path in home.iterdir() if VERSION.fullmatch(path.name)}
@@ -242,9 +247,9 @@ def _number(path: Path) -> int:
 
 
 def _find_same_version(
-    home: Path, digest: str, files: Mapping[str, str], damaged: Path | None = None, carries: bool = False
+    home: Path, digest: str, provenance: Provenance | None, damaged: Path | None = None, carries: bool = False
 ) -> Path | None:
-    """Return the newest version with a content hash and the same source model.
+    """Return the newest version with a content hash, the same source model and the same details of each episode.
 
     The content hash ignores pass-through features. If there are any, their files are compared: equal rows with other
     pictures or messages are another version.
@@ -252,7 +257,7 @@ def _find_same_version(
     Args:
         home: Folder of the name's versions.
         digest: The content hash.
-        files: SHA-256 of each file by its path.
+        provenance: Provenance with the SHA-256 of each file.
         damaged: A version not to return, although it claims the same content.
         carries: Whether there are pass-through features.
     """
@@ -263,11 +268,22 @@ def _find_same_version(
         stored = {name: value for name, value in hashes.items() if name.startswith(PASSTHROUGH_FILES)}
         return source | (stored if carries else {})
 
+    files = provenance.files if provenance else {}
+    details = _list_episode_details(provenance)
     for path in reversed(list_versions(home)):
         if path.name.endswith(digest[:8]) and not (damaged and path.samefile(damaged)):
-            provenance = read_provenance(path)
-            if provenance is None or provenance.content_hash != digest:
+            known = read_provenance(path)
+            if known is None or known.content_hash != digest:
                 continue
-            if identity(provenance.files) == identity(files):
+            if identity(known.files) == identity(files) and _list_episode_details(known) == details:
                 return path
     return None
+
+
+def _list_episode_details(provenance: Provenance | None) -> object:
+    """Return what a target tells of its episodes beside their rows, as JSON stores it: registers and constants."""
+    target = (provenance and provenance.target) or {}
+    episodes = target.get(EPISODES)
+    constants = [entry.get("constants") or {} for entry in episodes] if isinstance(episodes, list) else []
+    details = {"registers": target.get(REGISTERS) or [], "constants": constants if any(constants) else []}
+    return json.loads(encode_json(details))

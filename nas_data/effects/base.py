@@ -318,7 +318,7 @@ def read_effects(path: Path) -> tuple[Effect, ...]:
     if path.is_dir() or not path.exists():
         raise OptionError(f"There is no file {path}; give the effects.json of a gap report.")
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
         entries = content["effects"] if isinstance(content, dict) else content
         if not isinstance(entries, list):
             raise TypeError("it is not a list")

@@ -13,6 +13,7 @@ from nas_data.importing.conversion import NORMALISED
 from nas_data.importing.joining import BY_RECEIPT
 from nas_data.importing.map import LogQuantity, Map
 from nas_data.importing.reading import SUFFIXES
+from nas_data.importing.resampling import take_last_of_time
 
 SMALLEST_LIKELY = 3.5  # [°] a log whose values are all smaller is in radians
 AT_REST = 0.02  # [°] a log that spans less contains no motion
@@ -24,6 +25,8 @@ OF_TOPICS = Remedies({"time_backwards": BY_RECEIPT})
 def audit(recordings: Sequence[Recording], mapping: Map) -> list[AuditFinding]:
     """Run all audits over recordings before resampling and alignment.
 
+    Of rows with equal time, resampling uses the last. So all audits after those of time and finite values see that one.
+
     Returns:
         Findings; errors that the map allows are warnings.
     """
@@ -34,7 +37,7 @@ def audit(recordings: Sequence[Recording], mapping: Map) -> list[AuditFinding]:
         first = audits.run(audits.FIRST, recording, expected)
         found += first
         if not any(finding.error for finding in first):
-            sound.append(recording)
+            sound.append(take_last_of_time(recording) if mapping.resample else recording)
     found += [*check_degrees(sound, mapping), *check_normalised(sound, mapping)]
     for recording in sound:
         found += audits.run(audits.list_remaining_audits(), recording, expected)

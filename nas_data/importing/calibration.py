@@ -52,7 +52,7 @@ def read_calibration(path: Path) -> dict[str, Motor]:
         LogError: the file is missing, or no calibration file.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
         return {
             str(name): Motor(int(entry["range_min"]), int(entry["range_max"]), bool(entry["drive_mode"]))
             for name, entry in content.items()

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.dataset import audits
 from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.audits.base import AuditFinding, Remedies
 from nas_data.dataset.cutting import cut_at, find_gaps
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.descriptions import describe_left_out
 from nas_data.dataset.external import import_command, is_ours, refuse, refuse_unknown_unit, report_single_frames
-from nas_data.dataset.features import TIME
+from nas_data.dataset.features import POSITION, STATE, TIME, VELOCITY, Feature
 from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.joints import REMEDY, Components, is_gripper
 from nas_data.dataset.passthrough import VIDEO_LEFT_OUT
@@ -24,11 +25,12 @@ from nas_data.dataset.rows import format_rows
 from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import make_parent, resolve
 from nas_data.errors import DatasetInvalid, LogError, OptionError
+from nas_data.importing.auditing import make_expected
 from nas_data.importing.calibration import LARGEST, UNITS, choose_unit, match_motors, with_raw_unit
-from nas_data.importing.conversion import NORMALISED
+from nas_data.importing.conversion import NORMALISED, SI, Kind
 from nas_data.importing.formats import find_folder_kind, is_folder_log
-from nas_data.importing.map import Map, TimeColumn
-from nas_data.importing.reading import read_log, refuse_nothing
+from nas_data.importing.map import REGISTER, LogColumns, LogQuantity, Map, TimeColumn
+from nas_data.importing.reading import match_components, read_log, refuse_nothing
 
 TIMING = {
     "rate": "use --rate {rate} if the time stamps are right, or --uniform if the dataset's fps is right",
@@ -43,6 +45,7 @@ BY_OPTIONS_OR_MAP = Remedies(TIMING | RESAMPLED)
 OPEN = 0.9  # share of its range to which an open gripper is open at least
 GENERATED = "generated"  # name of a map that was made for a dataset
 SAME_RATE = 1e-6  # relative
+LARGEST_RATIO = 20.0  # of distances by velocities and by positions in one unit; degrees and radians differ by 57
 CALIBRATION_ATTACHMENT = "meta/calibration{}.json"  # of one arm, or of each with its side
 
 
@@ -113,6 +116,11 @@ def complete_map(mapping: Map, paths: Sequence[Path], options: ImportOptions) ->
     )
     if options.uniform:
         mapping = replace(mapping, clock=TimeColumn("", "s"))
+    return _complete_velocity(*_complete_units(mapping, paths, options), paths)
+
+
+def _complete_units(mapping: Map, paths: Sequence[Path], options: ImportOptions) -> tuple[Map, tuple[str, ...]]:
+    """Replace degrees by the unit of the datasets; arguments and result as for `complete_map`."""
     motors, is_generated = match_motors(mapping, options.calibration), mapping.name == GENERATED
     if "deg" not in mapping.position.conversion.units:
         if options.unit is not None and not is_generated:
@@ -130,7 +138,10 @@ def complete_map(mapping: Map, paths: Sequence[Path], options: ImportOptions) ->
     words = {"deg": "degrees", "range": "−100 … 100", "rad": "radians"}[unit]
     completed = with_raw_unit(mapping, unit, motors)
     if unit != "deg":
-        head = f"# Positions that this map gives in degrees were read as {words} ({why}); see meta/nas.json.\n"
+        likewise = ", velocities likewise" if is_generated and mapping.velocity else ""
+        head = (
+            f"# Positions that this map gives in degrees were read as {words} ({why}){likewise}; see meta/nas.json.\n"
+        )
         completed = replace(completed, text=head + mapping.text)
     notes = [f"Read as {words} ({why})."]
     units = zip(completed.joints, completed.position.conversion.units, strict=True)
@@ -138,6 +149,78 @@ def complete_map(mapping: Map, paths: Sequence[Path], options: ImportOptions) ->
         closes = " If it closes at the upper end, write a map with low and high exchanged." if is_generated else ""
         notes.append(f"Read as a share of the joint's range, 0 … 100 in LeRobot: {', '.join(shares)}.{closes}")
     return completed, tuple(notes)
+
+
+def _complete_velocity(mapping: Map, notes: tuple[str, ...], paths: Sequence[Path]) -> tuple[Map, tuple[str, ...]]:
+    """Complete a map with the velocities that the states hold beside the positions, in the unit of the positions.
+
+    A generated map takes them as measured velocities, unless they contradict the positions. Where velocities are
+    derived, the recorded ones are kept as a signal.
+    """
+    recorded = _find_velocity(mapping, paths)
+    if recorded is None:
+        return mapping, notes
+    if mapping.name == GENERATED and mapping.velocity is not None:
+        mapping = replace(mapping, velocity=recorded)
+        if not _contradicts_positions(mapping, paths):
+            return mapping, notes
+        text = mapping.text.replace('velocity = "measured"', 'velocity = "derive"', 1)
+        note = f"Velocities are derived, because the recorded ones contradict the positions; these are nas.{REGISTER}."
+        return replace(mapping, derive_velocity=True, text=text), (*notes, note)
+    if mapping.derive_velocity and mapping.velocity is None and REGISTER not in mapping.signals:
+        return replace(mapping, velocity=recorded), notes
+    return mapping, notes
+
+
+def _find_velocity(mapping: Map, paths: Sequence[Path]) -> LogQuantity | None:
+    """Return the velocities of all joints that the states of all datasets hold beside the positions.
+
+    Returns:
+        The quantity, in the unit of the positions per second; None if a velocity is missing, if one is stored in
+        another unit, or if a dataset holds them in a feature of their own.
+    """
+    position = mapping.position
+    raw, names = position.conversion.units, set[tuple[str, ...]]()
+    kind: Kind = "velocity"
+    for path in paths:
+        features = DatasetInfo.read(resolve(path)).features
+        if position.source.columns != (STATE,) or STATE not in features or f"nas.{REGISTER}" in features:
+            return None
+        state = Feature.from_info(STATE, features[STATE])
+        places = match_components(path, position, position.source, mapping.joints, state.names).components
+        wanted = tuple(state.names[place].removesuffix(POSITION) + VELOCITY for place in places)
+        if not wanted or not set(wanted) <= set(state.names):
+            return None
+        units = [state.units[state.names.index(name)] if state.units else "" for name in wanted]
+        if any(unit not in ("", f"{held}/s") for unit, held in zip(units, raw, strict=True)):
+            return None
+        names.add(wanted)
+    if len(names) > 1:
+        return None
+    conversion = replace(
+        position.conversion,
+        bias=(0.0,) * len(raw),
+        units=tuple(f"{unit}/s" for unit in raw),
+        kinds=(kind,) * len(raw),
+    )
+    return LogQuantity(kind, SI[kind], LogColumns((STATE,), names=names.pop()), conversion)
+
+
+def _contradicts_positions(mapping: Map, paths: Sequence[Path]) -> bool:
+    """Whether the measured velocities have another scale or sign than the positions."""
+    expected = make_expected(mapping)
+    recordings, _ = _read_logs(paths, mapping)
+    sound = [part for part in recordings if not any(one.error for one in audits.run(audits.FIRST, part, expected))]
+    if any(one.error for part in sound for one in audits.run(["velocity"], part, expected)):
+        return True
+    # The audit needs steady motion. In jerky motion, the distances that positions and velocities cover show the unit.
+    measured, claimed, shortest = 0.0, 0.0, 0.0
+    for part in sound:
+        assert part.velocities is not None
+        measured += float(np.abs(np.diff(part.positions, axis=0)).sum())
+        claimed += float((np.abs(part.velocities[:-1]) * np.diff(part.time)[:, None]).sum())
+        shortest += float(np.ptp(part.positions, axis=0).sum())
+    return claimed > LARGEST_RATIO * measured or claimed < shortest / LARGEST_RATIO
 
 
 def _read_logs(paths: Sequence[Path], mapping: Map) -> tuple[list[Recording], list[AuditFinding]]:
@@ -149,8 +232,8 @@ def _read_logs(paths: Sequence[Path], mapping: Map) -> tuple[list[Recording], li
 def map_text(path: Path, unit: str | None, model: str | None) -> str:
     """Return the text of a map for a dataset with all joints in one unit and with its own joint names.
 
-    With unit `rad` joints may make several turns. LeRobot stores a gripper as 0 … 100 of its range; the range is taken
-    from the model.
+    Velocities that its states hold in that unit per second are read. With unit `rad` joints may make several turns.
+    LeRobot stores a gripper as 0 … 100 of its range; the range is taken from the model.
 
     Raises:
         JointMismatch: its components have no names.
@@ -158,22 +241,32 @@ def map_text(path: Path, unit: str | None, model: str | None) -> str:
     """
     root = resolve(path)
     dataset = read(root)
-    joints = tuple(Components.of("observation.state", dataset.features["observation.state"]).positions)
+    components = Components.of(STATE, dataset.features[STATE])
+    joints, measured = tuple(components.positions), _has_velocities(dataset.features[STATE], components, unit)
     grippers = [joint for joint in joints if is_gripper(joint)] if unit != "rad" else []
     tables, lengths = "", list[str]()
     for gripper in grippers:
         low, high, slides = _find_gripper_range(path, gripper, model)
         lengths += [gripper] if slides else []
         line = f'unit = "normalised"\nrange = [0.0, 100.0]\nlow = {low!r}\nhigh = {high!r}\n'
-        tables += "".join(f"[read.{what}.joints.{_quote(gripper)}]\n{line}" for what in ("position", "command"))
+        quantities = ("position", *["velocity"] * measured, "command")
+        tables += "".join(f"[read.{what}.joints.{_quote(gripper)}]\n{line}" for what in quantities)
+    velocities = ", ".join(_quote(joint + VELOCITY) for joint in joints)
     return (
         f'format = "lerobot"\nrobot = {_quote(dataset.robot_type)}\njoints = [{", ".join(map(_quote, joints))}]\n'
         f"slides = [{', '.join(map(_quote, lengths))}]\n"
-        'alignment = "action_follows_state"\nvelocity = "derive"\n'
+        f'alignment = "action_follows_state"\nvelocity = "{"measured" if measured else "derive"}"\n'
         '[servo]\nresolution = 4096\ndrive_mode = true\n[read.position]\nunit = "deg"\n[read.command]\nunit = "deg"\n'
+        + (f'[read.velocity]\ncolumn = "{STATE}"\nnames = [{velocities}]\nunit = "deg/s"\n' if measured else "")
         + tables
         + ('[audit]\nallow = ["unit_slip"]\n' if unit == "rad" else "")
     )
+
+
+def _has_velocities(state: Feature, components: Components, unit: str | None) -> bool:
+    """Whether a state has the velocities of all joints, stored without a unit or in the unit of the positions."""
+    units = {state.units[place] for place in components.velocities.values()} if state.units else set()
+    return set(components.velocities) >= set(components.positions) and units <= {f"{unit}/s"}
 
 
 def _quote(text: str) -> str:

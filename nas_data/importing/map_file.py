@@ -22,6 +22,7 @@ from nas_data.importing.formats import FORMATS
 from nas_data.importing.layout import LogLayout, parse_layout
 from nas_data.importing.map import (
     ALIGNMENTS,
+    REGISTER,
     LogColumns,
     LogQuantity,
     Map,
@@ -56,7 +57,7 @@ def load_map(name_or_path: str | Path) -> Map:
             raise UnknownName("map", str(name_or_path), shipped, "or give the path of a TOML file")
         path = shipped[str(name_or_path)]
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")  # Windows' Notepad begins UTF-8 with a byte order mark
         values = tomllib.loads(text)
     except FileNotFoundError:
         raise MapError(f"There is no map {path}; give a TOML file or one of: {', '.join(sorted(shipped))}.") from None
@@ -74,9 +75,9 @@ def parse_map(top: MapSection, name: str, text: str) -> Map:
         raise top.error(f"'joints' is {list(joints)}; it must name each joint once.")
     layout = parse_layout(top, FORMATS)
     lerobot = layout.format == "lerobot"
-    quantities = _Quantities(joints, layout)
     read = top.table("read")
     derive = top.text("velocity", choices=VELOCITIES) == "derive"
+    quantities = _Quantities(joints, layout, keeps_velocity=derive and read.has("velocity"))
     if not derive and not read.has("velocity"):
         raise top.error("'velocity' is 'measured' but there is no [read.velocity]; add it, or set velocity = 'derive'.")
     constants = top.texts("constants", ("task",) if lerobot else ())
@@ -154,9 +155,17 @@ def _explain_kind(joint: str, unit: str, named: bool) -> tuple[str, str]:
 class _Quantities:
     """Reads quantities with common joints and layout."""
 
-    def __init__(self, joints: Sequence[str], layout: LogLayout) -> None:
+    def __init__(self, joints: Sequence[str], layout: LogLayout, keeps_velocity: bool) -> None:
+        """Initialize.
+
+        Args:
+            joints: Names of the joints.
+            layout: Layout of a log on disk.
+            keeps_velocity: Whether the velocities that are read become a signal, as those of the state are derived.
+        """
         self.joints = joints
         self.layout = layout
+        self.keeps_velocity = keeps_velocity
 
     def parse(self, section: MapSection, name: str, kind: Kind) -> LogQuantity:
         """Read source, conversion and encoding of a quantity."""
@@ -174,6 +183,11 @@ class _Quantities:
         if kind == "signal" and (name == "time" or not name.replace("_", "").isalnum() or "image" in name):
             raise section.error(
                 f"'{name}' cannot name a signal; use letters, digits and _, neither 'time' nor 'image'."
+            )
+        if kind == "signal" and name == REGISTER and self.keeps_velocity:
+            raise section.error(
+                f"'{name}' cannot name a signal, because velocity = 'derive' keeps those of [read.velocity] by this "
+                "name; give the signal another name."
             )
 
 

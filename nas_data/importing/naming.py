@@ -227,10 +227,15 @@ def _holds_lists(column: Column | None) -> bool:
 
 
 def _reorder(column: Column, places: np.ndarray, widths: list[int]) -> Column:
-    """Return a column whose vectors with one number per name are reordered; others, such as empty ones, unchanged."""
+    """Return a column whose vectors with one number per name are reordered; others, such as empty ones, unchanged.
+
+    Rows without a vector are NaN.
+    """
     rows = [*column] if isinstance(column, np.ndarray) else column.to_pylist()
-    if len(rows) != len(places) or any(row is None for row in rows) or [len(row) for row in rows] != widths:
+    first = next((row for row in rows if row is not None and len(row)), None)
+    if first is None or isinstance(first[0], str | bytes) or len(rows) != len(places):
         return column
-    if isinstance(rows[0][0], str | bytes):
+    if any(row is not None and len(row) != width for row, width in zip(rows, widths, strict=True)):
         return column
-    return np.array([np.asarray(row, np.float64)[order] for row, order in zip(rows, places, strict=True)])
+    vectors = [[np.nan] * width if row is None else row for row, width in zip(rows, widths, strict=True)]
+    return np.array([np.asarray(row, np.float64)[order] for row, order in zip(vectors, places, strict=True)])

@@ -223,8 +223,9 @@ def _read_raw(
         count: Number of times in the table, N.
     """
     width = 1 if quantity.source.tables else len(quantity.conversion.gain)
-    if width == len(joints):
-        source = _match_components(table, quantity, source, joints)
+    there = table.names.get(source.columns[0]) if len(source.columns) == 1 else None
+    if width == len(joints) and there is not None:
+        source = match_components(table.path, quantity, source, joints, there)
     raw = _read_source(table, quantity.name, source, width, count)
     if len(raw) != count:
         raise LogError(
@@ -236,24 +237,34 @@ def _read_raw(
     return raw
 
 
-def _match_components(table: LogTable, quantity: LogQuantity, source: LogColumns, joints: Sequence[str]) -> LogColumns:
-    """Find the components of a quantity by name, if the log has component names.
+def match_components(
+    path: Path, quantity: LogQuantity, source: LogColumns, joints: Sequence[str], there: Sequence[str]
+) -> LogColumns:
+    """Find the components of a quantity by name.
+
+    Args:
+        path: The log.
+        quantity: The whole quantity.
+        source: Its column, or that of one joint.
+        joints: The map's joints.
+        there: Names of the column's components in the log.
 
     Raises:
         MapError: a joint is missing; the message lists the available names.
     """
-    there = table.names.get(source.columns[0]) if len(source.columns) == 1 else None
-    if there is None or source.components or (not source.names and are_generated(source.columns[0], there)):
+    if source.components or (not source.names and are_generated(source.columns[0], there)):
         return source
     suffixes = [SUFFIXES.get(kind) for kind in quantity.conversion.kinds]
     if None in suffixes and not source.names:
-        return source
+        owners = [name.rpartition(".")[0] or name for name in there]  # of a signal such as j1.load
+        same = sorted(owners) == sorted(joints)
+        return replace(source, components=tuple(map(owners.index, joints))) if same else source
     ended = zip(joints, suffixes, strict=True)
     wanted = source.names or tuple(joint if joint in there else f"{joint}{suffix}" for joint, suffix in ended)
     missing = next((name for name in wanted if name not in there), None)
     if missing is not None:
         raise MapError(
-            f"{table.path}: '{source.columns[0]}' has no component '{missing}'; it has: {', '.join(there)}. "
+            f"{path}: '{source.columns[0]}' has no component '{missing}'; it has: {', '.join(there)}. "
             f"Name them in 'joints' of the map, or with names = […] in [read.{quantity.name}]."
         )
     return replace(source, components=tuple(there.index(name) for name in wanted))
@@ -280,7 +291,7 @@ def _read_source(table: LogTable, name: str, source: LogColumns, width: int, cou
             )
         return np.hstack(parts)
     raw = parts[0]
-    if raw.size == 0 < len(raw):
+    if len(raw) and (raw.size == 0 or (raw.shape[1] != width and np.isnan(raw).all())):
         raise LogError(f"{table.path}: '{source.columns[0]}' is empty in all rows; {name_absent(name)}.")
     if source.components:
         if max(source.components) >= raw.shape[1]:

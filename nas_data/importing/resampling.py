@@ -20,8 +20,7 @@ def resample(recording: Recording, how: Resample) -> Recording:
         or held, by the method. A new row has the command that was held in the middle of its step, and the signals of
         that recorded row, which `rows` tells.
     """
-    last_of_time = np.concatenate([np.diff(recording.time) > 0, [True]])
-    once = recording.take(last_of_time)
+    once = take_last_of_time(recording)
     # The margin keeps the last step if the duration is a whole number of periods up to rounding.
     count = int(np.floor(once.time[-1] * how.rate + 1e-6)) + 1
     grid = np.arange(count) / how.rate
@@ -44,6 +43,11 @@ def resample(recording: Recording, how: Resample) -> Recording:
         signals={key: values[acting] for key, values in once.signals.items()},
         rows=once.rows[acting],
     )
+
+
+def take_last_of_time(recording: Recording) -> Recording:
+    """Return a recording with the last row of each time only, which resampling uses."""
+    return recording.take(np.concatenate([np.diff(recording.time) > 0, [True]]))
 
 
 def _find_last_row(time: np.ndarray, moments: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ import datetime
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -17,6 +17,7 @@ from nas_data.dataset.rows import TextLines, format_rows
 from nas_data.errors import LogError, MapError
 
 Column: TypeAlias = pa.Array | pa.ChunkedArray | np.ndarray
+SHOWN = 3  # most numbers of an example
 NO_DECIMAL = "'"  # replaces points if the decimal separator is a comma, so that such cells are not read as numbers
 
 
@@ -66,7 +67,7 @@ class LogTable:
         """Return a column as numbers.
 
         Returns:
-            Shape (N, k); k is 1 for a plain column. Empty cells are NaN.
+            Shape (N, k); k is 1 for a plain column. Empty cells are NaN, also those of vectors, in all components.
 
         Raises:
             MapError: there is no such column.
@@ -194,8 +195,9 @@ class LogTable:
                 "below it; if that row has units, remove it."
             )
         if first.startswith("["):
-            self._refuse_nulls(name, column)
-            return self._from_json_cells(name, column.to_pylist())
+            filled = column.is_valid().to_numpy(zero_copy_only=False)
+            cells = column.drop_null().to_pylist()
+            return _spread(self._from_json_cells(name, cells, np.flatnonzero(filled)), filled)
         lower = pc.utf8_lower(texts)
         if first.lower() in {"true", "false"} and set(lower.unique().to_pylist()) <= {"true", "false", None}:
             return _convert_to_numpy(pc.equal(lower, "true").cast(pa.float64()))[:, None]
@@ -229,19 +231,26 @@ class LogTable:
         """Return whether a text cell is a number, or a JSON list of numbers, which always has a decimal point."""
         return isinstance(number_or_text(cell, self.decimal), int | float) or bool(_list_of(cell))
 
-    def _from_json_cells(self, name: str, cells: list[str]) -> np.ndarray:
+    def _from_json_cells(self, name: str, cells: list[str], rows: np.ndarray) -> np.ndarray:
+        """Parse JSON lists of numbers, shape (M, k); `rows` are those of the cells, shape (M,)."""
         try:
             return _make_matrix(json.loads(f"[{','.join(cells)}]"))
         except (ValueError, TypeError):
             width = len(_list_of(cells[0]))
-            row = next((row for row, cell in enumerate(cells) if len(_list_of(cell)) != width or not width), 0)
+            place = next((place for place, cell in enumerate(cells) if len(_list_of(cell)) != width or not width), 0)
+            needed = f"a JSON list of {count_of(width, 'number')} is needed in every row"
             raise LogError(
-                f"{self.path}: the column '{name}' holds {cells[row][:60]!r} in {self.name_rows([row])}; "
-                f"a JSON list of {count_of(width, 'number')} is needed in every row."
+                f"{self.path}: the column '{name}' holds {cells[place][:60]!r} in {self.name_rows(rows[[place]])}; "
+                f"{needed if width else _correct_list(cells[place])}."
             ) from None
 
-    def _from_lists(self, name: str, column: pa.ChunkedArray) -> np.ndarray:
-        self._refuse_nulls(name, column)
+    def _from_lists(self, name: str, column: pa.Array | pa.ChunkedArray) -> np.ndarray:
+        if column.null_count:
+            filled = column.is_valid().to_numpy(zero_copy_only=False)
+            if not filled.any():
+                return np.empty((len(filled), 0))
+            kept = replace(self, rows=np.flatnonzero(filled) if self.rows is None else self.rows[filled])
+            return _spread(kept._from_lists(name, column.drop_null()), filled)
         lengths = pc.list_value_length(column).to_numpy(zero_copy_only=False) if len(column) else np.zeros(0)
         if len(set(lengths.tolist())) > 1:
             row = int(np.flatnonzero(lengths != lengths[0])[0])
@@ -266,6 +275,24 @@ class LogTable:
         if column.null_count:
             rows = np.flatnonzero(column.is_null().to_numpy(zero_copy_only=False))
             raise LogError(f"{self.path}: the column '{name}' is empty in {self.name_rows(rows)}; remove these rows.")
+
+
+def _spread(values: np.ndarray, filled: np.ndarray) -> np.ndarray:
+    """Return rows of NaN between values, shape (M, k), so that these stand in the M rows of a mask, shape (N,)."""
+    spread = np.full((len(filled), values.shape[1]), np.nan)
+    spread[filled] = values
+    return spread
+
+
+def _correct_list(cell: str) -> str:
+    """Return what to write in place of a cell that begins as a list but is none, such as NumPy's `[0. 25.2]`."""
+    words = cell.strip("[] ").replace(",", " ").split()
+    if not words or not all(_is_number(word) for word in words):
+        return "it is not a list of numbers: name another column, or write JSON lists such as [0.5, 25.2]"
+    numbers = ", ".join(json.dumps(float(word)) for word in words[:SHOWN])
+    example = f"[{numbers}, …]" if len(words) > SHOWN else f"[{numbers}]"
+    commas = "commas are missing between the numbers" if "," not in cell and len(words) > 1 else "that is not JSON"
+    return f"{commas}: write {example}, as json.dumps(values.tolist()) does"
 
 
 def to_plain(value: object) -> object:

@@ -1,4 +1,4 @@
-"""Unwrapping of encoders that jump after a whole turn."""
+"""Unwrapping of encoders and commands that jump after a whole turn."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
@@ -17,8 +17,8 @@ def unwrap(
     Args:
         recordings: Episodes with the same joints.
         hinges: Names of the hinges; other joints are not changed.
-        commanded: Names of hinges with position commands. If such a joint is unwrapped, its commands are moved to
-            within half a turn of the positions.
+        commanded: Names of hinges with position commands. If such a joint is unwrapped, or its commands alone wrap
+            around, its commands are moved to within half a turn of the positions.
         centres: Middle of the range of joints that have one [rad]; of the others, recordings that jump are moved near
             those that do not, else near the first one.
     """
@@ -35,7 +35,29 @@ def unwrap(
         for place in paths if joint in centres else wrapped:
             near = paths[place] - WHOLE_TURN * np.round((means[place] - centre) / WHOLE_TURN)
             changed[place] = _move(changed[place], index, near, joint in commanded)
+    for index, joint in enumerate(recordings[0].joints if recordings else ()):
+        if joint in hinges and joint in commanded:
+            _unwrap_commands(changed, index)
     return changed
+
+
+def _unwrap_commands(recordings: list[Recording], index: int) -> None:
+    """Move commands of a joint that wrap around near its positions, in a list of recordings.
+
+    If the commands of one recording wrap, those of others may be whole turns away without a jump.
+    """
+    moved, wraps = {}, False
+    for place, one in enumerate(recordings):
+        if not _is_finite(one):
+            continue
+        path, commands = one.positions[:, index], one.commands[:, index]
+        steps, turns = np.diff(commands), np.round((commands - path) / WHOLE_TURN)
+        # A joint that is commanded to turn once follows such a step, which brings it near its command without a jump.
+        if turns.any() and not np.diff(turns)[np.abs(steps) < WHOLE_TURN / 2].any():
+            moved[place] = _move(one, index, path, commanded=True)
+            wraps = wraps or bool(find_whole_turns(steps).any())
+    for place, one in moved.items() if wraps else ():
+        recordings[place] = one
 
 
 def _is_finite(recording: Recording) -> bool:

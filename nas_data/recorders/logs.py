@@ -27,8 +27,9 @@ from nas_data.dataset.transitions import NEXT_DERIVED, VELOCITIES_DERIVED, estim
 from nas_data.dataset.versions import make_parent, resolve
 from nas_data.errors import LogError
 from nas_data.importing.auditing import allow, audit
+from nas_data.importing.conversion import Conversion
 from nas_data.importing.formats import find_format, is_folder_log
-from nas_data.importing.map import Map
+from nas_data.importing.map import REGISTER, Map
 from nas_data.importing.reading import SUFFIXES, read_log, refuse_nothing, report_short
 from nas_data.importing.resampling import resample
 from nas_data.importing.unwrapping import unwrap as unwrap_turns
@@ -39,7 +40,8 @@ from nas_data.visible_files import list_visible_files
 MAP_ATTACHMENT = "meta/import_map.toml"
 MIN_TRANSITION_ROWS = 2  # fewest rows with a transition
 VIDEOS = {".mp4", ".mkv"}
-REGISTER = "velocity"  # signal that keeps the measured velocities when the state has derived ones
+ROUNDING = 1e-15  # relative error of a count that was converted and is converted back in float64
+COARSEST_STEP = 0.01  # of a signal's range; times since 1970 have no range, relative to their size
 
 
 @dataclass(frozen=True)
@@ -71,8 +73,8 @@ def import_logs(
         paths: Logs, or folders of logs.
         mapping: Map from a log to joints, commands and signals.
         progress: Called with the number and name of each log before it is read.
-        unwrap: Middle of the range of joints that have one [rad]; if given, joints whose encoders jump after a whole
-            turn are unwrapped. None leaves them.
+        unwrap: Middle of the range of joints that have one [rad]; if given, joints whose encoders or commands jump
+            after a whole turn are unwrapped. None leaves them.
 
     Raises:
         LogError: a log cannot be read, or an audit reports an error.
@@ -197,8 +199,8 @@ def _convert_recordings(recordings: Sequence[Recording], mapping: Map) -> Datase
         TIME: [recording.time[:-1, None] for recording in recordings],
     }
     for name in recordings[0].signals:
-        features[f"nas.{name}"] = _make_signal_feature(name, mapping)
         columns[f"nas.{name}"] = [recording.signals[name][:-1] for recording in recordings]
+        features[f"nas.{name}"] = _make_signal_feature(name, mapping, np.concatenate(columns[f"nas.{name}"]))
     return Dataset(
         features=features,
         columns={key: np.concatenate(parts).astype(features[key].dtype) for key, parts in columns.items()},
@@ -215,17 +217,32 @@ def _stack_states(recording: Recording) -> np.ndarray:
     return np.hstack([recording.positions, recording.velocities])
 
 
-def _make_signal_feature(name: str, mapping: Map) -> Feature:
-    """Describe a signal: one component a joint, or one for the whole robot."""
+def _make_signal_feature(name: str, mapping: Map, values: np.ndarray) -> Feature:
+    """Describe a signal of N frames: one component a joint, or one for the whole robot; values have shape (N, k)."""
     signal = mapping.signals.get(name, mapping.velocity)
     assert signal is not None
     width = len(signal.conversion.gain)
     names = tuple(f"{joint}.{name}" for joint in mapping.joints) if width == len(mapping.joints) else (name,)
+    units = (signal.unit,) * width
     if signal is mapping.velocity:
-        return Feature(
-            names, tuple(convert_hinge_unit(signal.unit, joint in mapping.slides) for joint in mapping.joints)
-        )
-    return Feature(names=names, units=(signal.unit,) * width)
+        units = tuple(convert_hinge_unit(signal.unit, joint in mapping.slides) for joint in mapping.joints)
+    return Feature(names, units, "float64" if _needs_double(values, signal.conversion) else "float32")
+
+
+def _needs_double(values: np.ndarray, conversion: Conversion) -> bool:
+    """Whether float32 is too coarse for a signal: it changes counts, or has steps that the signal's range shows.
+
+    Args:
+        values: Values of the signal, shape (N, k).
+        conversion: Conversion from the log, in which whole numbers are counts.
+    """
+    raw, sizes = conversion.raw(values), np.abs(values).max(axis=0)
+    counts = (np.abs(raw - np.rint(raw)) <= ROUNDING * np.abs(raw)).all(axis=0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        errors = np.abs(values.astype(np.float32) - values).max(axis=0)
+        steps, ranges = np.spacing(sizes.astype(np.float32)), np.ptp(values, axis=0)
+    coarse = np.where(counts, errors > np.abs(conversion.gain) / 2, (steps > COARSEST_STEP * ranges) & (ranges > 0))
+    return bool(coarse.any())
 
 
 def _format_task(recording: Recording, mapping: Map) -> str:

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nas_data.errors import MissingPackage
+from nas_data.errors import MissingPackage, OptionError
 
 SIZE = (480, 640)  # [px] height and width of an image
 GEOMS = 5_000  # capacity of a scene; MuJoCo drops further geoms
@@ -51,13 +51,21 @@ class OffscreenRenderer:
 
         Raises:
             MissingPackage: this machine has no library for offscreen rendering; names a package.
+            OptionError: the images are too large for the graphics of this machine.
         """
         self._model, self._data, self._size = model, data, size
         height, width = size
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
         self._context = open_context(width, height)
         self._scene = mujoco.MjvScene(model, GEOMS)
-        self._renderer = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
+        try:
+            self._renderer = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
+        except mujoco.FatalError as error:  # the limit differs between machines, so that it cannot be checked before
+            self._context.free()
+            raise OptionError(
+                f"The graphics of this machine cannot draw an image of {width} × {height} pixels ({error}); choose a "
+                "smaller width or height, such as 960 × 720."
+            ) from None
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._renderer)
         self._options = mujoco.MjvOption()
         if camera is None:

@@ -81,6 +81,8 @@ BAD = {
     "record: a name too long": (("record", "sim", "--episodes", "1", "--out", "x" * 250), "too long"),
     "record: a negative seed": (("record", "sim", "--episodes", "1", "--seed", "-1", "--out", "x"), "--seed is -1"),
     "split: a negative seed": (("split", "RAW", "--share", "0.5", "--seed", "-1"), "--seed is -1"),
+    "split: no number": (("split", "RAW", "--seconds", "nan"), "The length of a segment is nan s; give a number"),
+    "split: no end": (("split", "RAW", "--seconds", "inf"), "The length of a segment is inf s; give a number"),
     "compare: a negative seed": (("policy", "compare", "--seed", "0", "-1"), "--seed -1"),
     "pack: a file as folder": (("pack", "RAW", "--out", "../photo.png/x.tar"), "photo.png"),
     "pair: no such engine": (("pair", "RAW", "--model", "pendulum", "--engine", "unity"), "bullet"),

@@ -81,6 +81,17 @@ def test_everything_but_the_values_counts_too():
     assert len({hash_content(other) for other in [dataset, *others]}) == 1 + len(others)
 
 
+def test_the_tasks_of_frames_count_where_an_episode_has_several():
+    dataset = recorded(lengths=(6, 6), tasks=("walk",))
+
+    def changing_at(row: int) -> Dataset:
+        return replace(dataset, frame_tasks=np.array(["walk"] * row + ["run"] * (12 - row), object))
+
+    assert len({hash_content(changing_at(row)) for row in (2, 3, 8)}) == 3
+    same = replace(dataset, tasks=("walk", "run"))
+    assert hash_content(changing_at(6)) == hash_content(same), "each episode has a single task"
+
+
 @settings(max_examples=25, deadline=None)
 @given(any_dataset())
 def test_statistics_equal_numpys_for_every_episode_and_over_all(dataset):

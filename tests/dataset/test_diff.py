@@ -14,6 +14,7 @@ from support.version_samples import FEW, SIMULATED, original
 from nas_data.cli import main
 from nas_data.dataset.diff import compare_datasets
 from nas_data.dataset.features import ACTION, SIM_STATE, STATE, TIME, make_time_feature
+from nas_data.dataset.versions import write_version
 from nas_data.dataset.write import write
 
 
@@ -119,6 +120,20 @@ def test_episodes_that_share_their_times_only_are_not_equal():
     other = second.without_columns(second.features.keys() - {TIME})
     assert compare_datasets(first, other).equal_episodes == 0
     assert compare_datasets(first, second).equal_episodes == first.n_episodes
+
+
+def test_tasks_that_change_in_other_frames_are_a_difference(folder, capsys):
+    walks = recorded(lengths=(6, 5), tasks=("walk",))
+    parts = [np.array(["walk"] * row + ["run"] * (11 - row), object) for row in (2, 4)]
+    a, b = (replace(walks, frame_tasks=part) for part in parts)
+    found = compare_datasets(a, b)
+    assert not found.equal_content and found.equal_episodes == 2
+    assert found.tasks == () and found.frame_tasks == ((0, 0, 2, 2),)
+    assert compare_datasets(a, a).frame_tasks == ()
+    roots = [write_version(dataset, "arm", SIMULATED, Path("datasets")) for dataset in (a, b, a)]
+    assert roots[0] != roots[1] and roots[2] == roots[0]
+    assert main(["diff", str(roots[0]), str(roots[1])]) == 1
+    assert "tasks of episode 0/0: differ in 2 frames, first in frame 2" in capsys.readouterr().out
 
 
 def test_diff_names_rate_robot_and_joints():

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 from support.changed_columns import set_values
 from support.command_samples import refused
-from support.dataset_samples import recorded
+from support.dataset_samples import recorded, same
 from support.import_samples import columns_of, map_text, motion, write_log, write_map
 from support.lerobot_samples import ARM
 
@@ -330,12 +330,22 @@ NAMES = {
 }  # fmt: skip
 
 
+def test_a_dataset_of_single_frames_is_named(here):
+    whole = read(lerobot("d"))
+    write(replace(whole, lengths=np.ones(60, int), tasks=("",) * 60), here / "short", SIMULATED)
+    (here / "short" / layout.PROVENANCE).unlink()
+    for command in (("pair", "short", "--model", "arm.xml"), ("import", "short")):
+        assert "nas: short: every episode has a single frame" in refused(*command)
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_joints_are_named_in_a_map_as_is_said(here, name):
     names, asked, text, said = NAMES[name]
     lerobot("d", names, asked)
     Path("own.toml").write_text(text)
-    assert said in refused("pair", "d", "--model", "arm.xml")
+    for command in (("pair", "d", "--model", "arm.xml"), ("import", "d")):
+        told = refused(*command)
+        assert told.startswith("nas: d: ") and told.count("d: ") == 1 and said in told
     assert main(["import", "d", "--map", "own.toml", "--out", "done"]) == 0
     assert main(["pair", "done", "--model", "arm.xml", "--out", "paired"]) == 0
 
@@ -501,6 +511,21 @@ def test_a_video_that_is_put_back_is_recovered_as_is_said(here, capsys, said):
     shutil.copy(here / "copy" / VIDEO, root / VIDEO)
     assert main(["recover", "d", "--out", "seen"]) == 0
     assert FRONT in read(here / "seen").passthrough.features
+
+
+def test_a_dataset_without_its_videos_is_not_complete_until_they_are_put_back(here, capsys):
+    filmed("raw")
+    assert main(["recover", "raw", "--out", "d"]) == 0
+    shutil.move(here / "d" / VIDEO, here / "copy.mp4")
+    capsys.readouterr()
+    assert main(["recover", "d", "--out", "blind"]) == 0
+    told = capsys.readouterr().out
+    assert f"{VIDEO} is missing" in told and "put it back and recover again" in told
+    assert "is complete" not in told and "damaged; the metadata" not in told
+    assert same(read(here / "blind"), recorded()) and read(here / "blind").passthrough is None
+    shutil.move(here / "copy.mp4", here / "d" / VIDEO)
+    assert main(["recover", "d", "--out", "whole"]) == 0
+    assert "d is complete" in capsys.readouterr().out
 
 
 def test_a_table_that_is_put_back_gives_the_position_of_the_videos_as_is_said(here, capsys):

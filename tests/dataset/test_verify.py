@@ -128,6 +128,16 @@ def test_a_rate_that_the_clock_denies_is_a_problem(tmp_path):
     assert "come at 85 Hz" in found.problems[0]
 
 
+def test_time_stamps_are_compared_with_their_own_statistics(tmp_path):
+    root = write(recorded(lengths=(20,)).without_columns({TIME}), tmp_path / "d", RECORDED)
+    stats = json.loads((root / layout.STATS).read_text())
+    for last, said in ((19 / 50, ["The max of 'timestamp' in"]), (19 / 50 + 1, [])):
+        (root / layout.STATS).write_text(json.dumps(stats | {"timestamp": {"min": [0.0], "max": [last]}}))
+        change_column(data_file(root), "timestamp", lambda _: pa.array(np.arange(20) / 50 + (np.arange(20) > 9), "f4"))
+        found = [problem for problem in verify(root) if "does not match the data" in problem]
+        assert len(found) == len(said) and all(map(str.startswith, found, said)), found
+
+
 def test_an_hour_whose_float32_stamps_are_as_near_as_they_can_be_is_sound(tmp_path):
     root = write(recorded(lengths=(180_000,), joints=("m1",)), tmp_path / "d", RECORDED)
     assert verify(root) == []

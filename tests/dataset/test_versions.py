@@ -45,6 +45,24 @@ def test_equal_content_is_not_written_twice(tmp_path):
     assert len(list((tmp_path / "arm").iterdir())) == 2
 
 
+@pytest.mark.parametrize(
+    "target",
+    [
+        {"registers": [{"from_episode": 0, "joints": {"m1": {"P_Coefficient": 16}}}]},
+        {"episodes": [{"log": "a", "constants": {"payload": mass}} for mass in (0.5, 0.5, 0.7)]},
+    ],
+    ids=["registers", "constants"],
+)
+def test_equal_rows_of_episodes_with_other_registers_or_constants_are_another_version(tmp_path, target):
+    def written(target: dict[str, object]) -> Path:
+        return write_version(recorded(), "arm", Provenance(how="imported", target=target), tmp_path)
+
+    plain, described = written({"kind": "log"}), written({"kind": "log", **target})
+    assert described != plain and read_provenance(described).target == {"kind": "log", **target}
+    assert written({"kind": "log", "settled": 0.3, **target}) == described
+    assert written({"kind": "another", "episodes": [{"log": "b", "constants": {}}] * 3}) == plain
+
+
 def test_an_older_version_that_exists_already_is_told(tmp_path):
     first = write_version(recorded(), "arm", SIMULATED, tmp_path)
     assert versions.describe_older(first) == []

@@ -279,6 +279,8 @@ def test_effects_files_hold_lists_or_reports(tmp_path):
     bare.write_text(json.dumps(entries))
     report.write_text(json.dumps({"schema": 1, "effects": entries}))
     assert read_effects(bare) == read_effects(report) == (typical("backlash"), typical("base_tilt"))
+    bare.write_text(json.dumps(entries), encoding="utf-8-sig")  # as Windows' Notepad saves it
+    assert read_effects(bare) == read_effects(report)
     report.write_text("{}")
     with pytest.raises(OptionError, match=r"effects\.json"):
         read_effects(report)

@@ -294,6 +294,19 @@ def test_single_repeated_samples_are_reported_by_row(tmp_path, policy):
     assert len(finding.rows) > 0.6 * len(repeated)  # near a turning point nothing moves, stale or not
 
 
+@pytest.mark.parametrize("extra", ["", '[resample]\nrate = 50.0\nmethod = "linear"'])
+@pytest.mark.parametrize("apart", [1, 3])
+def test_rows_written_twice_are_not_taken_for_repeated_readings(tmp_path, extra, apart):
+    recording = motion(rows=200, amplitude=1.0)
+    twice = np.sort(np.concatenate([np.arange(200), np.arange(0, 200, apart)]))
+    parts = {key: getattr(recording, key)[twice] for key in ("time", "position", "velocity", "command")}
+    assert only(findings(tmp_path, recording.edited(**parts), extra), "repeated_time")
+    slower = {key: parts[key][np.searchsorted(twice, twice // 2 * 2)] for key in ("position", "velocity")}
+    found = findings(tmp_path, recording.edited(**parts | slower), extra)
+    if extra:  # of rows written twice, one counts
+        assert "the robot gave about 25 readings per second, not 50" in found[-1].message
+
+
 def test_a_reading_that_stands_still_under_a_moving_command_is_reported(tmp_path):
     recording = motion()
     position, velocity = recording.position.copy(), recording.velocity.copy()

@@ -318,7 +318,7 @@ def test_fields_that_some_messages_lack_are_named_by_row(tmp_path):
     with pytest.raises(LogError, match=r"'velocity' holds 3 numbers in row 0 .* and 0 in row 2 .*velocity = 'derive'"):
         import_bag(tmp_path, lambda text: text.replace('"derive"', '"measured"') + measured)
     write_messages(tmp_path / "bag.mcap", change_state=lambda message: without_some(message, "position"))
-    with pytest.raises(LogError, match="'position' is empty in rows 2, "):
+    with pytest.raises(LogError, match="the position is empty, NaN or infinite in rows 2, "):
         import_bag(tmp_path)
 
 

@@ -95,6 +95,8 @@ def test_a_dataset_of_lerobots_needs_no_map(here, capsys):
         (["nan.npz", "--map", "map.toml"], "nan.npz: the velocity is empty, NaN or infinite in row 3"),
         (["log.npz", "--map", "map.toml", "--name", "a/b"], "'a/b' is not a valid dataset name"),
         (["log.npz", "--map", "map.toml", "--out", "taken"], "taken exists already"),
+        (["log.npz", "--map", "map.toml", "--cut", "nan"], "The length of a segment is nan s; give a number"),
+        (["log.npz", "--map", "map.toml", "--cut", "inf"], "The length of a segment is inf s; give a number"),
     ],
 )
 def test_bad_input_gets_one_sentence_and_leaves_nothing(here, capsys, arguments, sentence):

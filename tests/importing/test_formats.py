@@ -254,7 +254,7 @@ def test_numbers_that_turn_fractional_late_are_not_guessed_from_the_first_rows(t
         ('"[0.1]"', r"in row 4 \(line 6 of log.csv\); a JSON list of 2 numbers"),
         ('"[0.1, two]"', r"in row 4 \(line 6 of log.csv\); a JSON list of 2"),
         ('"[0.1, {}]"', r"in row 4 \(line 6 of log.csv\); a JSON list of 2"),
-        ("", r"'q' is empty in row 4 \(line 6 of log.csv\)"),
+        ("", r"the position is empty, NaN or infinite in row 4 \(line 6 of log.csv\)"),
     ],
 )
 def test_a_ragged_vector_cell_is_named_by_row(tmp_path, cell, message):
@@ -298,6 +298,31 @@ def test_nanoseconds_since_1970_keep_their_last_digits(tmp_path, suffix):
     columns = columns_of(motion()) | {"t": 1_790_000_000_123_456_789 + steps}
     dataset = import_columns(tmp_path, columns, suffix, map_text(suffix, time='column = "t"\nunit = "ns"')).dataset
     np.testing.assert_allclose(dataset.columns["nas.time"][:, 0], steps[:-1] * 1e-9, atol=1e-12)
+
+
+SIGNAL = '[signals.{0}]\ncolumn = "{0}"\nunit = "1"\nwhole_robot = true\n{1}'
+
+
+def test_signals_that_single_precision_would_change_are_kept_in_double(tmp_path):
+    rows = np.arange(120)
+    signals = {
+        "counts": 20_000_001.0 + rows,
+        "clock": 1.76e18 + 2e7 * rows,  # [ns] since 1970, a multiple of the 256 ns that a double resolves
+        "epoch": 1.76e9 + 0.02 * rows,
+        "millimetres": 20_000_001.0 + rows,
+        "load": np.sin(rows),
+        "level": 4.0 + rows % 3,
+    }
+    log = write_log(tmp_path / "log.npz", columns_of(motion()) | signals)
+    scales = {"millimetres": "scale = 0.001\n"}
+    extra = "".join(SIGNAL.format(name, scales.get(name, "")) for name in signals)
+    dataset = import_logs([log], sample_map(tmp_path, extra=extra)).dataset
+    stored = {name: dataset.columns[f"nas.{name}"][:, 0] for name in signals}
+    for name in ("counts", "clock", "epoch"):
+        assert stored[name].dtype == np.float64
+        np.testing.assert_array_equal(stored[name], signals[name][:-1])
+    np.testing.assert_array_equal(np.rint(stored["millimetres"] / 0.001), signals["millimetres"][:-1])
+    assert stored["load"].dtype == stored["level"].dtype == np.float32
 
 
 def test_dates_are_times_only_where_the_map_says_so(tmp_path):

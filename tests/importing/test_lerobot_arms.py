@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from support.command_samples import refused
 from support.import_samples import columns_of, map_text, motion, write_log, write_map
-from support.lerobot_samples import enter_with_arm, from_ticks, motions, write_calibration, write_lerobot
+from support.lerobot_samples import add_vector, enter_with_arm, from_ticks, motions, write_calibration, write_lerobot
 
 from nas_data.cli import main
 from nas_data.dataset.features import STATE
+from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
+from nas_data.dataset.verify import verify
 
 pytest.importorskip("lerobot")
 GRIPPER = """<mujoco><compiler angle="radian" autolimits="true"/><worldbody><body pos="0 0 0.5">
@@ -96,6 +98,162 @@ def test_components_that_belong_to_no_joint_are_named(here, capsys):
     )
     assert main(["import", "d", "--map", "map.toml", "--out", "out"]) == 0
     assert "left out: x.pos of observation.state and x.pos of action" in capsys.readouterr().out
+
+
+RADIANS = """format = "lerobot"
+robot = "arm2"
+joints = ["j1", "j2"]
+alignment = "action_follows_state"
+velocity = "derive"
+[read.position]
+unit = "rad"
+[read.command]
+unit = "rad"
+"""
+FORCE = "observation.force"
+FORCES = np.arange(180.0).reshape(60, 3) + 0.5
+
+
+def write_forces(root: Path, names: str = "xyz", **details: str) -> Path:
+    """Write an episode of an arm with a sensor whose components have some names; values are those of x, y, z."""
+    order = ["xyz".index(name) for name in names]
+    return add_vector(
+        write_lerobot(root, motions(1)), FORCE, FORCES[:, order], [f"f{name}" for name in names], **details
+    )
+
+
+def test_vectors_of_several_datasets_are_joined_by_the_names_of_their_components(here):
+    (here / "map.toml").write_text(RADIANS)
+    write_forces(here / "a")
+    write_forces(here / "b", "zyx", dtype="float64")
+    for number, order in enumerate((("a", "b"), ("b", "a"))):
+        assert main(["import", *order, "--map", "map.toml", "--out", f"out{number}"]) == 0
+        dataset = read(here / f"out{number}")
+        feature = dataset.features[FORCE]
+        assert feature.names == (("fx", "fy", "fz"), ("fz", "fy", "fx"))[number] and feature.dtype == "float64"
+        x = dataset.columns[FORCE][:, feature.names.index("fx")]
+        np.testing.assert_array_equal(x, np.tile(FORCES[:59, 0], 2))
+
+
+def test_numbers_of_several_datasets_are_joined_in_a_type_that_holds_both(here):
+    (here / "map.toml").write_text(RADIANS)
+    write_forces(here / "whole", dtype="int64")
+    write_forces(here / "broken")
+    assert main(["import", "whole", "broken", "--map", "map.toml", "--out", "out"]) == 0
+    column = read(here / "out").columns[FORCE]
+    np.testing.assert_array_equal(column[[0, 59]], [np.floor(FORCES[0]), FORCES[0]])
+
+
+@pytest.mark.parametrize(
+    ("names", "unit", "said"),
+    [
+        ("xyz", "mN", "has units N in a and mN in b"),
+        ("xyz", "", "has units N in a and not stored in b"),
+        ("xy", "N", "has names fx, fy, fz in a and fx, fy in b"),
+    ],
+)
+def test_vectors_that_mean_different_things_are_refused_and_one_dataset_alone_is_not(here, names, unit, said):
+    (here / "map.toml").write_text(RADIANS)
+    write_forces(here / "a", unit="N")
+    write_forces(here / "b", names, unit=unit)
+    sentence = refused("import", "a", "b", "--map", "map.toml", "--out", "no")
+    assert f"'{FORCE}' {said}; import them one at a time, or leave it out with LeRobot's" in sentence
+    assert main(["import", "b", "--map", "map.toml", "--out", "out"]) == 0
+
+
+@pytest.mark.parametrize("order", [("a", "bare"), ("bare", "a")])
+def test_a_vector_that_not_every_dataset_has_is_left_out_and_named(here, capsys, order):
+    (here / "map.toml").write_text(RADIANS)
+    write_forces(here / "a")
+    write_lerobot(here / "bare", motions(1))
+    assert main(["import", *order, "--map", "map.toml", "--out", "out"]) == 0
+    assert f"left out: '{FORCE}' (float32 of shape [3]), because not every dataset has them" in capsys.readouterr().out
+    assert FORCE not in read(here / "out").features
+    assert "left out" in read_provenance(here / "out").notes
+
+
+def test_components_that_a_signal_does_not_pick_are_named(here, capsys):
+    (here / "map.toml").write_text(f'{RADIANS}[signals.force]\ncolumn = "{FORCE}"\ncomponents = [0, 1]\nunit = "N"\n')
+    write_forces(here / "a")
+    assert main(["import", "a", "--map", "map.toml", "--out", "out"]) == 0
+    assert f"left out: fz of {FORCE}, because the map reads no such component" in capsys.readouterr().out
+    write_forces(here / "b", "zyx")
+    said = refused("import", "a", "b", "--map", "map.toml", "--out", "no")
+    assert f"'{FORCE}' has names fx, fy in a and fz, fy in b, but [signals.force] reads both alike" in said
+
+
+def test_a_signal_of_the_joints_is_read_in_their_order(here):
+    (here / "map.toml").write_text(f'{RADIANS}[signals.load]\ncolumn = "observation.load"\nunit = "1"\n')
+    loads = np.stack([np.full(60, 2.0), np.full(60, 1.0)], 1)
+    add_vector(write_lerobot(here / "d", motions(1)), "observation.load", loads, ["j2.load", "j1.load"])
+    assert main(["import", "d", "--map", "map.toml", "--out", "out"]) == 0
+    np.testing.assert_array_equal(read(here / "out").columns["nas.load"][0], [1.0, 2.0])
+
+
+def write_velocities(root: Path, factor: float = 1.0, in_unit: float = 1.0) -> np.ndarray:
+    """Write an episode whose states hold velocities, late by a row and times a factor; return them in SI."""
+    ((states, commands),) = motions(1, 120)
+    exact = np.gradient(states, 0.02, axis=0)
+    late = np.vstack([exact[:1], exact[:-1]]) * factor
+    vectors = np.hstack([states, late]) * in_unit, np.hstack([commands, 0 * commands]) * in_unit
+    write_lerobot(root, [vectors], joints=("j1", "j2", "j1 speed", "j2 speed"))
+    info = root / "meta/info.json"
+    info.write_text(info.read_text().replace(" speed.pos", ".vel"))
+    return late
+
+
+@pytest.mark.parametrize(("unit", "in_unit"), [("rad", 1.0), ("deg", DEGREES)])
+def test_velocities_that_the_states_hold_are_read_without_a_map(here, capsys, unit, in_unit):
+    late = write_velocities(here / "d", in_unit=in_unit)
+    assert main(["import", "d", "--unit", unit, "--out", "out"]) == 0
+    dataset = read(here / "out")
+    np.testing.assert_allclose(dataset.states[:, 2:], late[:-1], atol=1e-5)
+    assert "nas.velocity" not in dataset.features and verify(here / "out") == []
+    assert "velocities" not in read_provenance(here / "out").derived.get(STATE, "")
+    assert "left out: j1.vel, j2.vel of action, because the map reads no such component" in capsys.readouterr().out
+
+
+def test_velocities_in_minus_100_to_100_have_the_scale_of_the_positions(here):
+    motors = write_calibration(here / "cal.json", ("j1", "j2"), turned=("j2",))
+    factors = [
+        (-1 if motor["drive_mode"] else 1) * 4095 / 360 * 200 / (motor["range_max"] - motor["range_min"]) * DEGREES
+        for motor in motors.values()
+    ]
+    late = write_velocities(here / "d", in_unit=np.array([*factors, *factors]))
+    assert main(["import", "d", "--unit", "range", "--calibration", "cal.json", "--out", "out"]) == 0
+    np.testing.assert_allclose(read(here / "out").states[:, 2:], late[:-1], rtol=1e-5, atol=1e-5)
+
+
+def test_velocities_of_the_states_are_a_signal_where_the_map_derives_others(here):
+    (here / "map.toml").write_text(RADIANS)
+    late = write_velocities(here / "d")
+    assert main(["import", "d", "--map", "map.toml", "--out", "out"]) == 0
+    dataset = read(here / "out")
+    feature = dataset.features["nas.velocity"]
+    assert (feature.names, feature.units) == (("j1.velocity", "j2.velocity"), ("rad/s", "rad/s"))
+    np.testing.assert_allclose(dataset.columns["nas.velocity"], late[:-1], atol=1e-5)
+    assert "velocities" in read_provenance(here / "out").derived[STATE]
+    assert np.abs(dataset.states[:, 2:] - late[:-1]).max() > 1
+
+
+@pytest.mark.parametrize("factor", [DEGREES, 1 / DEGREES])
+def test_velocities_in_another_unit_than_the_positions_are_not_those_of_the_state(here, capsys, factor):
+    late = write_velocities(here / "d", factor)
+    assert main(["import", "d", "--unit", "rad", "--out", "out"]) == 0
+    assert "Velocities are derived, because the recorded ones contradict the positions" in capsys.readouterr().out
+    dataset = read(here / "out")
+    np.testing.assert_allclose(dataset.columns["nas.velocity"], late[:-1], rtol=1e-5)
+    assert 0.3 < np.abs(dataset.states[:, 2:]).max() / np.abs(late / factor).max() < 2
+    assert 'velocity = "derive"' in (here / "out/meta/import_map.toml").read_text()
+
+
+@pytest.mark.parametrize("unit", [["--unit", "rad"], []])
+def test_torques_that_the_states_hold_are_named_as_left_out(here, capsys, unit):
+    write_velocities(here / "d")
+    info = here / "d/meta/info.json"
+    info.write_text(info.read_text().replace(".vel", ".effort", 2))
+    assert main(["import", "d", *unit, "--out", "out"]) == 0
+    assert "left out: j1.effort, j2.effort" in capsys.readouterr().out
 
 
 def test_bare_names_are_joint_names_when_datasets_are_joined_or_compared(here, capsys):

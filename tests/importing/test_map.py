@@ -55,6 +55,12 @@ def test_a_file_that_is_no_toml_is_refused(tmp_path):
         load_map(tmp_path)
 
 
+def test_a_file_of_windows_notepad_is_read(tmp_path):
+    plain = load_map(write_map(tmp_path))
+    (tmp_path / "map.toml").write_text((tmp_path / "map.toml").read_text(), encoding="utf-8-sig")
+    assert load_map(tmp_path / "map.toml") == plain
+
+
 POSITION = 'column = "q"\n'
 ELBOW = f'{POSITION}unit = "rad"\n[read.position.joints.elbow]\n'
 WRONG = {
@@ -174,6 +180,10 @@ WRONG = {
     "encoding": (map_text(position='column = "q"\nunit = "rad"\nencoding = "int12"'), "'encoding' is 'int12'"),
     "signal named image": (map_text(extra='[signals.image]\ncolumn = "x"\nunit = "1"'), "cannot name a signal"),
     "signal named time": (map_text(extra='[signals.time]\ncolumn = "x"\nunit = "1"'), "cannot name a signal"),
+    "signal named velocity": (
+        map_text(velocity='"derive"', extra='[signals.velocity]\ncolumn = "x"\nunit = "1"'),
+        r"\[signals.velocity\]: 'velocity' cannot name a signal, because velocity = 'derive' keeps those of",
+    ),
     "signals no table": (map_text(top="signals = 3"), r"'signals' is 3; it must be a table: \[signals\]"),
     "whole_robot": (map_text(extra='[signals.a]\ncolumn = "x"\nwhole_robot = 1\nunit = "1"'), "must be true or false"),
     "limits": (map_text(extra="[limits]\nelbow = [1, -1]"), "'elbow' is 1 … -1; the first must be below"),
@@ -277,6 +287,7 @@ RIGHT = {
     "encoding": map_text(position='column = "q"\nunit = "rad"\nencoding = "sign_magnitude_10"'),
     "signal named image": map_text(extra='[signals.load_2]\ncolumn = "x"\nunit = "1"'),
     "signal named time": map_text(extra='[signals.load]\ncolumn = "x"\nunit = "1"'),
+    "signal named velocity": map_text(velocity='"derive"', extra='[signals.speed]\ncolumn = "x"\nunit = "1"'),
     "signals no table": map_text(extra='[signals]\nload = {column = "x", unit = "1"}'),
     "whole_robot": map_text(extra='[signals.a]\ncolumn = "x"\nwhole_robot = true\nunit = "1"'),
     "limits": map_text(extra="[limits]\nelbow = [-1, 1]"),

@@ -110,6 +110,16 @@ def lists(values: np.ndarray, **rows: list[float]) -> list[list[float]]:
     return [rows.get(f"row{number}", row) for number, row in enumerate(values.tolist())]
 
 
+def rarely(values: np.ndarray) -> list[list[float] | None]:
+    """Lists of numbers, of which every third is there."""
+    return [None if number % 3 else row for number, row in enumerate(values.tolist())]
+
+
+def held(values: np.ndarray) -> list[list[float]]:
+    """The same, each repeated until the next one."""
+    return [values[number - number % 3].tolist() for number in range(len(values))]
+
+
 def derived(suffix: str, **changes: str) -> str:
     written = map_text(suffix, velocity='"derive"', **changes)
     return written.replace('[read.velocity]\ncolumn = "dq"\nunit = "rad/s"\n', "")
@@ -139,6 +149,7 @@ def named(suffix: str, joints: str = '["shoulder", "elbow"]', **changes: str) ->
     return derived(suffix, joints=joints, top=NAMED, **changes)
 
 
+LOAD = '[signals.load]\ncolumn = "load"\nunit = "1"\n'
 COLUMN_Q, ANGLE = 'column = "q"', 'column = "angle"'
 WHOLE = npz()
 TWO_FILES = map_text(top=FILES, **IN_STATE, **IN_CONTROL)
@@ -188,6 +199,35 @@ REFUSALS = {
                 goal=lists(SAMPLE["goal"], row119=[*SAMPLE["goal"][119], 9.0]),
                 names=[[*names, "hand"] if row == 119 else names for row, names in enumerate(NAMES)])),
             Remedy(derived(".parquet"), parquet(slice(119))),
+        ),
+    ),
+    "commands that are logged when they change": Refusal(
+        "log.parquet: the command is empty, NaN or infinite in rows 1–2, 4–5, 7–8, 10–11, 13–14 and 35 more places "
+        "(counted from 0); if it is logged only when it changes, repeat the last one in these rows; else remove them.",
+        Remedy(map_text(".parquet"), parquet(goal=rarely(SAMPLE["goal"]))),
+        (Remedy(map_text(".parquet"), parquet(goal=held(SAMPLE["goal"]))),),
+    ),
+    "commands by name that are logged when they change": Refusal(
+        "repeat the last one in these rows; else remove them.",
+        Remedy(named(".parquet"), parquet(goal=rarely(SAMPLE["goal"]), names=NAMES)),
+        (Remedy(named(".parquet"), parquet(goal=held(SAMPLE["goal"]), names=NAMES)),),
+    ),
+    "signals that are logged less often": Refusal(
+        "(counted from 0); if it is logged less often, repeat the last one in these rows; else remove [signals.load].",
+        Remedy(map_text(".parquet", LOAD), parquet(load=rarely(SAMPLE["goal"]))),
+        (
+            Remedy(map_text(".parquet", LOAD), parquet(load=held(SAMPLE["goal"]))),
+            Remedy(map_text(".parquet"), parquet(load=rarely(SAMPLE["goal"]))),
+        ),
+    ),
+    "no commands": Refusal(
+        "'goal' is empty in all rows; name another column in [read.command].",
+        Remedy(map_text(".parquet"), parquet(goal=[None] * 120, target=SAMPLE["goal"].tolist())),
+        (
+            Remedy(
+                map_text(".parquet", command='column = "target"\nunit = "rad"'),
+                parquet(goal=[None] * 120, target=SAMPLE["goal"].tolist()),
+            ),
         ),
     ),
     "no velocities": Refusal(
@@ -399,6 +439,7 @@ def whole(content: bytes) -> bytes:
 
 LAST = 120  # line of the last row
 VECTOR = r'"\[[^"]*"'
+AS_NUMPY = (rb'\[([^",]*), ([^",]*)\]', rb"[\1 \2]")  # how NumPy prints an array
 BROKEN = {
     "empty": (".csv", lambda content: b"", "log.csv is empty; give a log with recorded rows.", whole),
     "header only": (
@@ -450,10 +491,28 @@ BROKEN = {
         "a JSON list of 2 numbers is needed in every row.",
         without_row(LAST),
     ),
+    "arrays as NumPy prints them": (
+        ".csv",
+        lambda content: re.sub(*AS_NUMPY, content),
+        "commas are missing between the numbers: write [-0.043",
+        whole,
+    ),
+    "numbers as NumPy prints them": (
+        ".csv",
+        with_cell(1, VECTOR, '"[0., 1.]"'),
+        "holds '[0., 1.]' in row 0 (line 2 of log.csv)",
+        with_cell(1, VECTOR, '"[0.0, 1.0]"'),
+    ),
+    "no numbers in lists": (
+        ".csv",
+        lambda content: re.sub(rb'"\[', b'"[x', content),
+        "it is not a list of numbers: name another column, or write JSON lists such as [0.5, 25.2].",
+        whole,
+    ),
     "no list": (
         ".csv",
         with_cell(LAST, VECTOR, ""),
-        "the column 'q' is empty in row 119 (line 121 of log.csv); remove these rows.",
+        "the position is empty, NaN or infinite in row 119 (line 121 of log.csv); remove these rows, or split the log",
         without_row(LAST),
     ),
 }  # fmt: skip
@@ -545,6 +604,8 @@ def test_a_dataset_of_lerobot_is_imported_with_the_options_that_are_named(here, 
     Path("arm.xml").write_text(ARM)
     Path("map.toml").write_text(IN_DEGREES)
     write_calibration(here / "own.json", ("j1", "j2"))
+    for file in (here / "own.json", here / "d" / layout.INFO):
+        file.write_text(file.read_text(), encoding="utf-8-sig")  # as Windows' Notepad saves it
     assert main(["import", *wrong, "--out", "never"]) == 2
     assert said in capsys.readouterr().err
     assert main(["import", *right, "--out", "done"]) == 0, capsys.readouterr().err

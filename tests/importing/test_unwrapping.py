@@ -49,6 +49,36 @@ def test_a_joint_that_does_not_turn_over_keeps_commands_of_more_than_half_a_turn
     np.testing.assert_allclose(read(Path("same")).commands, columns["goal"][:-1], atol=1e-6)
 
 
+def test_commands_that_alone_begin_anew_go_on_near_the_positions(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("logs").mkdir()
+    columns = columns_of(motion())
+    middles = np.array([np.pi, 4.5])  # the commands of the second log never pass half a turn
+    states, commands = ([columns[key] + middle for middle in middles] for key in ("q", "goal"))
+    assert not (abs(np.diff(wrap(commands[1]), axis=0)) > np.pi).any()
+    for number, (path, goal) in enumerate(zip(states, commands, strict=True)):
+        write_log(Path(f"logs/{number}.npz"), columns | {"q": path, "goal": wrap(goal)})
+    write_map(tmp_path, map_text(velocity='"derive"'))
+    assert main(["import", "logs", "--map", "map.toml", "--unwrap", "--out", "goes_on"]) == 0
+    assert "The audits found no problem." in capsys.readouterr().out
+    dataset = read(Path("goes_on"))
+    np.testing.assert_allclose(dataset.states[:, :2], np.concatenate([path[:-1] for path in states]), atol=1e-6)
+    np.testing.assert_allclose(dataset.commands, np.concatenate([goal[:-1] for goal in commands]), atol=1e-6)
+
+
+def test_a_joint_that_follows_a_command_of_a_whole_turn_keeps_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    columns = columns_of(motion())
+    goal = np.where(np.arange(120) % 60 < 20, 0.0, TURN)[:, None] * [1, 1]
+    path = np.zeros_like(goal)
+    for row in range(1, 120):
+        path[row] = path[row - 1] + 0.2 * (goal[row - 1] - path[row - 1])
+    write_log(Path("log.npz"), columns | {"q": path, "goal": goal})
+    write_map(tmp_path, map_text(velocity='"derive"'))
+    assert main(["import", "log.npz", "--map", "map.toml", "--unwrap", "--out", "same"]) == 0
+    np.testing.assert_allclose(read(Path("same")).commands, goal[:-1], atol=1e-6)
+
+
 def test_a_lerobot_dataset_in_radians_is_unwrapped_without_a_map(tmp_path, monkeypatch):
     pytest.importorskip("lerobot")
     enter_with_arm(tmp_path, monkeypatch)

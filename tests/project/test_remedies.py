@@ -671,20 +671,20 @@ def test_lost_provenance_is_started_anew_by_the_commands_that_verify_names(here,
 
 def command_of(said: str, program: str) -> list[str]:
     """The command of another program that a sentence names."""
-    (found,) = re.findall(rf"'({program} [^']+)'", said)
-    return shlex.split(found)
+    ((quoted, bracketed),) = re.findall(rf"'({program} [^']+)'|\(({program} [^)]+)\)", said)
+    return shlex.split(quoted or bracketed)
 
 
 def test_a_bag_whose_recorder_was_killed_is_read_once_it_has_its_metadata_again(here, capsys):
     """`ros2 bag reindex` writes the metadata from what the bag holds; here they are put back."""
-    write_rosbag(here / "bag")
+    write_rosbag(here / "my bag")
     write_map(here, BAG_MAP.format(format="rosbag"))
-    metadata = here / "bag/metadata.yaml"
+    metadata = here / "my bag/metadata.yaml"
     metadata.rename(here / "kept.yaml")
-    said = refused(capsys, "import", "bag", "--map", "map.toml", "--out", "never")
-    assert command_of(said, "ros2") == ["ros2", "bag", "reindex", "bag"]
+    said = refused(capsys, "import", "my bag", "--map", "map.toml", "--out", "never")
+    assert command_of(said, "ros2") == ["ros2", "bag", "reindex", "my bag"]
     (here / "kept.yaml").rename(metadata)
-    assert main(["import", "bag", "--map", "map.toml", "--out", "done"]) == 0
+    assert main(["import", "my bag", "--map", "map.toml", "--out", "done"]) == 0
 
 
 def test_a_ros_1_bag_is_mended_by_the_program_of_ros_1(here, capsys):
@@ -702,11 +702,11 @@ def test_an_mcap_file_that_was_cut_off_is_read_once_its_messages_are_recovered(h
     from mcap.writer import Writer
 
     write_json_mcap(here / "whole.mcap")
-    (here / "bag.mcap").write_bytes((here / "whole.mcap").read_bytes()[:-300])
+    (here / "my bag.mcap").write_bytes((here / "whole.mcap").read_bytes()[:-300])
     write_map(here, BAG_MAP.format(format="mcap"))
-    said = refused(capsys, "import", "bag.mcap", "--map", "map.toml", "--out", "never")
+    said = refused(capsys, "import", "my bag.mcap", "--map", "map.toml", "--out", "never")
     program, deed, damaged, option, repaired = command_of(said, "mcap")
-    assert (program, deed, damaged, option) == ("mcap", "recover", "bag.mcap", "-o")
+    assert (program, deed, damaged, option) == ("mcap", "recover", "my bag.mcap", "-o")
     with Path(damaged).open("rb") as source, Path(repaired).open("wb") as target:
         writer, kinds, topics = Writer(target), {}, {}
         writer.start()

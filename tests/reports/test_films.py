@@ -217,6 +217,17 @@ def test_a_film_and_its_picture_are_written_by_one_command(screen, folder, here,
     assert "film/a.png exists; choose another --out" in again.err
 
 
+def test_a_picture_that_the_graphics_cannot_draw_is_refused_and_a_smaller_one_drawn(screen, folder, here):
+    command = ["render", folder / "arm", "--model", folder / "stock.xml", "--out", "a.png"]
+    answer = nas(*command, "--width", 100_000)
+    assert (answer.code, answer.out) == (2, "")
+    assert "cannot draw an image of 100000 × " in answer.err
+    assert "choose a smaller width or height, such as 960 × 720" in answer.err
+    assert len(answer.err.splitlines()) == 1
+    assert not list(Path().iterdir())
+    assert nas(*command, "--width", 960, "--height", 720).code == 0
+
+
 def test_a_machine_that_cannot_draw_is_told_what_to_install(folder, here, monkeypatch):
     from nas_data.simulators import offscreen
 
@@ -238,6 +249,8 @@ def test_a_machine_that_cannot_draw_is_told_what_to_install(folder, here, monkey
         ("--episode 7", "no episode 7"),
         ("--model nothing.xml", "no model file nothing.xml"),
         ("--width 321", "give even numbers such as"),
+        ("--azimuth nan", "--azimuth nan must be a number of degrees"),
+        ("--elevation inf", "--elevation inf must be a number of degrees"),
     ],
 )
 def test_bad_options_are_answered_in_a_sentence(folder, here, words, said):

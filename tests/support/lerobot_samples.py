@@ -116,6 +116,31 @@ def write_lerobot(
     return root
 
 
+def add_vector(
+    root: Path, key: str, values: np.ndarray, names: Sequence[str] | None, dtype: str = "float32", unit: str = ""
+) -> Path:
+    """Add a vector to a dataset of one data file.
+
+    Args:
+        root: The dataset.
+        key: Key of the feature.
+        values: Its values, shape (N, width).
+        names: Names of its components; None stores none.
+        dtype: Type of its numbers.
+        unit: Unit of its components; empty stores none.
+    """
+    (path,) = (root / "data").glob("*/*.parquet")
+    table, width = pq.read_table(path), values.shape[1]
+    cells = pa.FixedSizeListArray.from_arrays(pa.array(values.astype(dtype).ravel()), width)
+    table = table.append_column(key, cells if width > 1 else pa.array(values.astype(dtype)[:, 0]))
+    pq.write_table(table.replace_schema_metadata(None), path)
+    info = json.loads((root / "meta/info.json").read_text())
+    entry = {"dtype": dtype, "shape": [width], "names": None if names is None else list(names)}
+    info["features"][key] = entry | ({"info": {"unit": unit}} if unit else {})
+    (root / "meta/info.json").write_text(json.dumps(info))
+    return root
+
+
 def pictures(row: int) -> dict[str, object]:
     """What the cameras see at a row, its text and matrix."""
     front = np.full((64, 96, 3), 4 * (row % 60), np.uint8)

@@ -35,6 +35,8 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
             remedy = "remove these rows, or split the log there"
             if name == "command":
                 remedy = "if it is logged only when it changes, repeat the last one in these rows; else remove them"
+            elif name in recording.signals:
+                remedy = f"if it is logged less often, repeat the last one in these rows; else remove [signals.{name}]"
             if bad.all():
                 what, remedy = f"the {name} is empty, NaN or infinite in all rows", name_absent(name)
             found.append(AuditFinding("not_finite", recording.label, what, remedy, rows, error=True))

@@ -51,12 +51,13 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
 def _find_repeated_rows(recording: Recording) -> np.ndarray:
     """Return a mask of the rows that repeat position and velocity of all joints, shape (N,).
 
-    A velocity register that changes proves a fresh reading.
+    A velocity register that changes proves a fresh reading. Rows with the time of the row before may be one reading
+    that was written twice; the timing audit reports them.
     """
     readings = recording.positions
     if recording.velocities is not None:
         readings = np.hstack([readings, recording.velocities])
-    same = (readings[1:] == readings[:-1]).all(axis=1)
+    same = (readings[1:] == readings[:-1]).all(axis=1) & (np.diff(recording.time) > 0)
     return np.concatenate([[False], same])
 
 

@@ -1,6 +1,7 @@
 """MCAP: messages of ROS 2 or JSON, one table per topic."""
 
 import json
+import shlex
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -31,8 +32,8 @@ def read_topics(path: Path, layout: LogLayout) -> dict[str, LogTable]:
     except McapError as error:
         reason = (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
         raise LogError(
-            f"{path} is damaged or cut off ({reason}); copy it again, or repair it with 'mcap recover {path} -o "
-            "repaired.mcap' (https://mcap.dev/guides/cli)."
+            f"{path} is damaged or cut off ({reason}); copy it again, or repair it with the program of "
+            f"https://mcap.dev/guides/cli (mcap recover {shlex.quote(str(path))} -o repaired.mcap)."
         ) from None
 
 

@@ -1,5 +1,6 @@
 """ROS bags: the folder of a ROS 2 bag or the file of a ROS 1 bag, one table per topic."""
 
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -29,8 +30,9 @@ def read_topics(path: Path, layout: LogLayout) -> dict[str, LogTable]:
         return to_tables(path, dict(layout.topics), _read_messages(path, layout))
     except (AnyReaderError, Reader1Error, Reader2Error, FileNotFoundError) as error:
         reason = (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
-        command = f"ros2 bag reindex {path}" if path.is_dir() else f"rosbag reindex {path}"
-        raise LogError(f"{path} cannot be read as a bag: {reason}; copy it again, or run '{command}'.") from None
+        where = shlex.quote(str(path))
+        command = f"ros2 bag reindex {where}" if path.is_dir() else f"rosbag reindex {where}"
+        raise LogError(f"{path} cannot be read as a bag: {reason}; copy it again, or reindex it ({command}).") from None
 
 
 def _read_messages(path: Path, layout: LogLayout) -> Iterator[tuple[str, int, object]]:

@@ -37,7 +37,7 @@ class Film:
             elevation: Elevation of the camera's view [deg].
 
         Raises:
-            OptionError: a picture of that size is too small.
+            OptionError: a picture of that size is too small or too large, or an angle is no number.
             MissingPackage: this machine cannot render; names a package.
             ModelFileError: the models cannot be combined in one scene.
         """
@@ -49,6 +49,9 @@ class Film:
                 f"A picture of {size[1]} × {size[0]} pixels has no room for {len(motion.ghosts)} arms and their "
                 "caption; give even numbers such as --width 960 --height 720."
             )
+        for name, angle in (("azimuth", azimuth), ("elevation", elevation)):
+            if not np.isfinite(angle):
+                raise OptionError(f"--{name} {angle:g} must be a number of degrees.")
         self.scene = Scene(motion)
         camera = self.scene.camera(azimuth, elevation, size[1] / height)
         self._pictures = OffscreenRenderer(self.scene.model, self.scene.data, (height, size[1]), camera)
