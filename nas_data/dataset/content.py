@@ -22,12 +22,23 @@ def convert_to_little_endian(dataset: Dataset, key: str) -> np.ndarray:
     return np.ascontiguousarray(column.astype(column.dtype.newbyteorder("<"), copy=False))
 
 
-def hash_content(dataset: Dataset) -> str:
+def has_content_hash(dataset: Dataset, known: str) -> bool:
+    """Whether a stored hash is that of a dataset; those of earlier versions do not cover the tasks of frames."""
+    if hash_content(dataset) == known:
+        return True
+    return dataset.frame_tasks is not None and hash_content(dataset, frame_tasks=False) == known
+
+
+def hash_content(dataset: Dataset, frame_tasks: bool = True) -> str:
     """Return the SHA-256 of a dataset's logical content, as hexadecimal digits.
 
     The hash covers the features (key, names, units, dtype) sorted by key, the rate, the robot type, and each episode's
     length, tasks and exact values, little-endian. It ignores file layout, column order, provenance and LeRobot's
     automatic columns. Of pass-through features it covers only the description.
+
+    Args:
+        dataset: The dataset.
+        frame_tasks: Whether it covers in which frames the task changes.
     """
     header: dict[str, object] = {
         "schema": SCHEMA,
@@ -43,7 +54,7 @@ def hash_content(dataset: Dataset) -> str:
     if dataset.passthrough and dataset.passthrough.features:
         described = dataset.passthrough.features
         header["carried"] = {key: [entry.get("dtype"), entry.get("shape")] for key, entry in described.items()}
-    if dataset.frame_tasks is not None:
+    if frame_tasks and dataset.frame_tasks is not None:
         header["task_spans"] = _list_task_spans(dataset.frame_tasks)
     digest = hashlib.sha256(json.dumps(header, sort_keys=True, separators=(",", ":")).encode())
     for key in sorted(dataset.features):

@@ -9,7 +9,7 @@ import numpy as np
 
 from nas_data.count_of import count_of
 from nas_data.dataset import layout
-from nas_data.dataset.content import hash_content
+from nas_data.dataset.content import has_content_hash
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import Derived, make_unknown_provenance, read_attachments
 from nas_data.dataset.descriptions import describe_left_out
@@ -272,7 +272,7 @@ def _make_provenance(
     root: Path, before: Provenance | None, dataset: Dataset, kept: Sequence[int], promised: int
 ) -> Provenance:
     """Return the provenance of the recovered dataset: that of the damaged one, which becomes its parent."""
-    if before is not None and STAGED.fullmatch(root.name) and before.content_hash == hash_content(dataset):
+    if before is not None and STAGED.fullmatch(root.name) and has_content_hash(dataset, before.content_hash):
         return before  # complete, killed just before it got its name
     home = root.resolve()
     name = f"{home.parent.name}/{home.name}" if VERSION.fullmatch(home.name) else find_destination(root)[1]

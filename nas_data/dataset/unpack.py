@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
-from nas_data.dataset.content import hash_content
+from nas_data.dataset.content import has_content_hash
 from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.layout import PROVENANCE
 from nas_data.dataset.pack import MANIFEST, Manifest, check_unchanged, hash_files, is_plain, write_pack
@@ -117,7 +117,7 @@ def _check_whole(file: Path, hidden: Path, manifest: Manifest) -> None:
     if _compute_digest(hidden, manifest) != held:
         raise ValueError("bytes outside of its files were changed")
     try:
-        if hash_content(read(hidden)) != manifest.content_hash:
+        if not has_content_hash(read(hidden), manifest.content_hash):
             raise ValueError("the content hash of its rows differs from the one in it")
         check_unchanged(hidden, manifest)
     except NasError as error:
@@ -163,7 +163,8 @@ def _is_same(path: Path, manifest: Manifest) -> bool:
     """Whether a dataset has the rows of a pack, and the same files if it has pass-through features."""
     try:
         carries = DatasetInfo.read(path).other_features
-        return hash_content(read(path)) == manifest.content_hash and (not carries or hash_files(path) == manifest.files)
+        same = has_content_hash(read(path), manifest.content_hash)
+        return same and (not carries or hash_files(path) == manifest.files)
     except NasError:
         return False
 

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.dataset_samples import any_dataset, recorded
 
-from nas_data.dataset.content import hash_content
+from nas_data.dataset.content import has_content_hash, hash_content
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION, STATE, Feature
 from nas_data.dataset.statistics import QUANTILES, compute_statistics
@@ -90,6 +90,12 @@ def test_the_tasks_of_frames_count_where_an_episode_has_several():
     assert len({hash_content(changing_at(row)) for row in (2, 3, 8)}) == 3
     same = replace(dataset, tasks=("walk", "run"))
     assert hash_content(changing_at(6)) == hash_content(same), "each episode has a single task"
+
+    early, late = changing_at(2), changing_at(3)
+    assert has_content_hash(early, hash_content(early)) and not has_content_hash(early, hash_content(late))
+    before = hash_content(early, frame_tasks=False)  # as stored by earlier versions
+    assert has_content_hash(early, before) and has_content_hash(late, before)
+    assert not has_content_hash(dataset, before)
 
 
 @settings(max_examples=25, deadline=None)
