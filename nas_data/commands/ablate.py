@@ -97,10 +97,13 @@ class Ablate(TakesModel, LongCommand):
         }
         files = write.write(self.out, found, more)
         failed = [f"failed: {sentence}" for sentence in found.failed]
+        changes = plan.material.list_register_changes() if {"named", "named_delta"} & set(plan.kinds) else []
+        notes = [f"Named kinds have the recording's registers, the source has not: {change}." for change in changes]
         text = [
             write.format_table(found),
             "",
             found.sentence(),
+            *notes,
             *failed,
             *(f"→ {path}" for path in files.values()),
         ]

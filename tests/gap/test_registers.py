@@ -27,6 +27,7 @@ from nas_data.simulators.goal_registers import read_goal_band
 from nas_data.simulators.mujoco import MujocoSimulator
 from nas_data.simulators.register_kinds import PROFILE_ACCELERATION, PROFILE_SPEED, SPEED_UNIT, STEEP_STEP, STEP
 from nas_data.simulators.servo_registers import ServoRegisters
+from nas_data.studies.ablation.sweep_data import SweepData
 
 PENDULUM = (FOLDER / "pendulum.xml").read_text()
 STATED = """<custom><numeric name="p_gain" data="400"/><numeric name="torque_limit" data="1000"/>
@@ -543,3 +544,11 @@ def test_registers_are_set_in_pybullet_too(arm):
         for registers in (LOW, FULL)
     ]
     assert errors[0] < 0.3 * errors[1]
+
+
+def test_an_ablation_tells_which_registers_its_source_lacks(arm, tmp_path):
+    root = told(recording("command_delay:delay=0", 2), LOW).save(tmp_path / "data")
+    (change,) = SweepData(root, None, str(arm)).list_register_changes()
+    assert change.startswith("the position gain is multiplied by 0.5")
+    assert SweepData(root, None, "pendulum").list_register_changes() == []
+    assert SweepData(root).list_register_changes() == []

@@ -17,6 +17,8 @@ from nas_data.dataset.torque_off import drop_rows_without_torque
 from nas_data.dataset.transitions import as_transitions
 from nas_data.errors import DatasetInvalid, ModelFileError, OptionError
 from nas_data.gap.write_model import EFFECTS
+from nas_data.robots.base import Robot, find_robot
+from nas_data.simulators.servo_registers import ServoRegisters
 from nas_data.sources import SourceModel, locate_source
 
 Unit = Literal["episodes", "minutes"]
@@ -210,6 +212,14 @@ class SweepData:
             if self.model is not None:
                 raise
             return None
+
+    def list_register_changes(self) -> list[str]:
+        """Return what the recording's servo registers change in the source, as phrases: named kinds have them."""
+        source = self.source()
+        if source is None:
+            return []
+        robot = source.model if isinstance(source.model, Robot) else find_robot(source.model)
+        return ServoRegisters.of(self.read(), self.root).list_changes(robot)
 
     def divide(self, dataset: Dataset, share: float | None, seed: int) -> tuple[list[int], Dataset]:
         """Return the training episodes, and the held-out data: the test dataset, or a share of the episodes."""
