@@ -8,6 +8,7 @@ import json
 import os
 import re
 import sys
+import traceback
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -83,6 +84,11 @@ def describe_refusal(error: OSError) -> str:
     if error.filename is None:
         return f"A file could not be read or written: {reason}."
     return f"{error.filename} could not be read or written: {reason[:1].lower()}{reason[1:]}; choose another path."
+
+
+def is_of_package(error: BaseException, package: str) -> bool:
+    """Whether an error was raised while a file of a package ran."""
+    return any(package in Path(frame.filename).parts for frame in traceback.extract_tb(error.__traceback__))
 
 
 def answer_unknown(arguments: Sequence[str]) -> int:
@@ -181,7 +187,7 @@ def run(name: str, rest: list[str]) -> int:
         return fail("interrupted; finished work is kept.", command.json) and 130
     except (ImportError, AttributeError, RuntimeError) as error:
         backend = os.environ.get("MUJOCO_GL")
-        if not backend or "mujoco" in sys.modules:
+        if not backend or not is_of_package(error, "mujoco"):
             raise
         remedy = "leave it unset, so that a backend that works is chosen"
         return fail(f"MuJoCo does not start with MUJOCO_GL={backend} ({error}): {remedy}.", command.json)

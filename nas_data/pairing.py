@@ -20,7 +20,7 @@ from nas_data.dataset.features import (
     make_state_feature,
 )
 from nas_data.dataset.start_velocities import find_start_velocities
-from nas_data.dataset.torque_off import find_torque_off
+from nas_data.dataset.torque_off import find_torque_off, find_torque_on
 from nas_data.errors import JointMismatch
 from nas_data.joint_units import compute_angle_scales, find_joint_unit
 from nas_data.log import warn, warn_once
@@ -179,15 +179,18 @@ def describe_missing_objects(dataset: Dataset, simulator: Simulator) -> list[str
 
 
 def check_source(dataset: Dataset, simulator: Simulator) -> None:
-    """Check that a source predicts what a paired dataset holds.
+    """Check that a source predicts what a paired dataset holds where the torque is on.
 
     Raises:
         JointMismatch: it is another source, or has another robot, rate or command type.
     """
     check_fits(dataset, simulator)
     n, rows = len(dataset.joints), slice(0, PROBES)
+    on = find_torque_on(dataset)[rows]
+    if not on.any():
+        return
     predicted = predict_transitions(dataset, simulator, rows)
-    each = np.abs(predicted[:, :n] - dataset.sim_states[rows, :n]).mean(axis=0)
+    each = np.abs(predicted[:, :n] - dataset.sim_states[rows, :n])[on].mean(axis=0)
     joint = dataset.joints[int(each.argmax())]
     if not each.mean() < SAME_SOURCE:
         raise JointMismatch(

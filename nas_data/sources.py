@@ -101,14 +101,18 @@ class SourceModel:
     effects: tuple[Effect, ...] = ()
     engine: str = ENGINES[0]
 
+    @property
+    def robot(self) -> Robot:
+        """The robot of its model."""
+        return self.model if isinstance(self.model, Robot) else find_robot(self.model)
+
     def modules(self) -> tuple[str, ...]:
         """Return the modules of this package that determine its motion, for `code_hash`."""
         return (f"nas_data.simulators.{self.engine}", *(type(effect).__module__ for effect in self.effects))
 
     def with_registers(self, registers: ServoRegisters) -> "SourceModel":
         """Return the source with the servo registers of a recording."""
-        robot = self.model if isinstance(self.model, Robot) else find_robot(self.model)
-        return replace(self, model=registers.set_in(robot))
+        return replace(self, model=registers.set_in(self.robot))
 
     def simulator(self, dataset: Dataset, threads: int | None = None) -> Simulator:
         """Build the simulator for a dataset's joints and rate; on all cores if `threads` is None."""

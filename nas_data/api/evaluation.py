@@ -20,6 +20,7 @@ from nas_data.api.learned_model import LearnedModel
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import kept_folders
 from nas_data.dataset.split import format_episodes
+from nas_data.dataset.supply_voltage import read_supply_voltages
 from nas_data.dataset.torque_off import drop_rows_without_torque, follow_shutdowns
 from nas_data.envs.loop.load_model import check_source
 from nas_data.errors import CheckpointError, ModelFileError, NasError, OptionError
@@ -30,7 +31,7 @@ from nas_data.models.evaluation import evaluate as evaluate_predictors
 from nas_data.models.lstm import DynamicsModel
 from nas_data.models.predictions import Predictions, predict
 from nas_data.pairing import warn_of_overlaps, warn_of_ranges
-from nas_data.robots.base import Robot, find_robot, list_robot_names
+from nas_data.robots.base import find_robot, list_robot_names
 from nas_data.runs.progress import silence
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.engines import MUJOCO
@@ -133,7 +134,8 @@ def evaluate_model(
     is_mujoco = sources["source"].engine == MUJOCO
     powered, notes = (follow_shutdowns if is_mujoco else drop_rows_without_torque)(recorded)
     fitted, more = fit_plain(None, recorded, sources["source"], say) if plain_fit else ({}, ())
-    robots, groups = {name: find_robot(model) for name, model in named.items()}, list(group_by_registers(powered))
+    robots = {name: find_robot(model) for name, model in named.items()}
+    groups = list(group_by_registers(powered, read_supply_voltages(recorded)))
     parts: list[Predictions] = []
     for places, known in groups:
         part = powered.select(places) if len(groups) > 1 else powered
@@ -145,6 +147,8 @@ def evaluate_model(
         parts.append(predict(part, simulator, None, others={**fitted, **simulators}))
         word = "Episode" if len(places) == 1 else "Episodes"
         where = f"{word} {format_episodes(part.episode_numbers)}: " if len(groups) > 1 else ""
+        if not known.values and len(groups) > 1:
+            more = (*more, f"{where}No registers are known.")
         for name, robot in robots.items():
             which = f"{name}: " if len(robots) > 1 else ""
             more = (*more, *(f"{where}{which}{sentence}" for sentence in known.describe(robot)))
@@ -156,8 +160,7 @@ def note_registers(recorded: Dataset, source: SourceModel | None, fitted: Mappin
     """Return a note if a recording's registers would change the source, which φ corrects as given."""
     if source is None:
         return []
-    robot = source.model if isinstance(source.model, Robot) else find_robot(source.model)
-    changes = ServoRegisters.of(recorded).list_changes(robot)
+    changes = ServoRegisters.of(recorded).list_changes(source.robot)
     if not changes:
         return []
     others = "".join(f", unlike the {name}" for name in fitted)

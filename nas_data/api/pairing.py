@@ -12,7 +12,7 @@ from nas_data.dataset.origin import Origin
 from nas_data.dataset.provenance import format_current_time, read_package_versions
 from nas_data.dataset.torque_off import TORQUE, find_torque_off, find_torque_on
 from nas_data.effects.base import Effect, parse
-from nas_data.errors import DatasetInvalid, NasError
+from nas_data.errors import NasError
 from nas_data.gap.report import GapReport
 from nas_data.log import warn
 from nas_data.pairing import describe_missing_objects, warn_of_overlaps, warn_of_ranges
@@ -125,10 +125,7 @@ def make_pairs(recorded: Dataset, by: PairingSource) -> Pairing:
 
 def describe_other_registers(recorded: Dataset, robot: Robot) -> str | None:
     """Return a remark on the servo registers of a recording that a source does not have; None if it has all."""
-    try:
-        registers = ServoRegisters.of(recorded)
-    except DatasetInvalid as error:  # a gain that changes within an episode; no gain is used here
-        return f"the source is paired as given: {error}"
+    registers = ServoRegisters.of(recorded)
     remarks = []
     if changes := registers.list_changes(robot):
         remarks.append(

@@ -11,6 +11,18 @@ from nas_data.errors import DatasetInvalid
 P_GAIN_COLUMN = "nas.p_gain"  # P register of the servos, one for all joints or one each
 
 
+def list_position_gains(dataset: Dataset) -> np.ndarray:
+    """Return the different P registers of a dataset with `nas.p_gain` while the torque is on, shape (k, n).
+
+    A register that is no gain, or of the wrong width, counts as one that is not the same in all rows: k is 2.
+    """
+    registers, n = dataset.columns[P_GAIN_COLUMN].astype(float)[find_torque_on(dataset)], len(dataset.joints)
+    gains = np.unique(registers, axis=0)
+    if registers.shape[1] not in (1, n) or not ((gains > 0) & (gains < np.inf)).all():
+        return np.full((2, n), np.nan)
+    return np.broadcast_to(gains, (len(gains), n))
+
+
 def read_position_gains(dataset: Dataset, name: str | Path = "") -> np.ndarray:
     """Return the P register of each episode and joint of a dataset with `nas.p_gain`, shape (E, n).
 

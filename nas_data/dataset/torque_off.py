@@ -10,6 +10,7 @@ import numpy as np
 
 from nas_data.count_of import count_of, join_items
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.split import format_episodes
 from nas_data.errors import DatasetInvalid
 
 TORQUE = "nas.torque_enable"
@@ -124,7 +125,7 @@ def describe_lack_of_torque(dataset: Dataset) -> str:
     whose = "The torque" if off.all() else f"The torque of {join_items(joints) or 'some servo'}"
     name = dataset.origin.root if dataset.origin and dataset.origin.root else "the dataset"
     if dataset.numbers:
-        where, remedy = f"episode {', '.join(map(str, dataset.numbers))} of {name}", "give other episodes"
+        where, remedy = f"episode {format_episodes(sorted(dataset.numbers))} of {name}", "give other episodes"
     else:
         where, remedy = str(name), "record with all servos switched on"
     return f"{whose} is off in every row of {where} ({TORQUE}): {remedy}."

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
+from nas_data.count_of import join_items
 from nas_data.dataset.dataset import Dataset
 from nas_data.errors import DatasetInvalid
 from nas_data.gap.nominal import with_timestep
@@ -14,6 +14,7 @@ from nas_data.gap.problem import Problem
 from nas_data.gap.search.plain_fit import fit_plain
 from nas_data.gap.search.search import Search
 from nas_data.simulators.mujoco import MujocoSimulator
+from nas_data.simulators.servo_registers import ServoRegisters
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # idle BLAS threads would occupy cores of the rollouts
@@ -32,14 +33,13 @@ def fit_plain_source(
         Simulator of the fitted model at the dataset's rate.
 
     Raises:
-        NasError: dataset or model cannot be used, or the recording has several position gains.
+        NasError: dataset or model cannot be used, or registers differ between its episodes.
     """
+    if several := ServoRegisters.of(dataset, root).changing:
+        raise DatasetInvalid(f"its episodes differ in {join_items(several)}; give those of one setting")
     problem = Problem.of(dataset, model, root)
-    gains = np.unique(problem.evidence.gains, axis=0)
-    if len(gains) > 1:
-        raise DatasetInvalid("the recording has several position gains; give the episodes of one of them.")
     search = Search.begin(problem.train, problem.held, say)
     plain = fit_plain(search)
     task = replace(problem.train, fine=search.task.fine)
-    nominal = with_timestep(problem.held.nominal, task.timestep).with_gains(gains[0])
+    nominal = with_timestep(problem.held.nominal, task.timestep)
     return nominal.simulator(plain.effects, plain.fit.factors)

@@ -18,7 +18,7 @@ from nas_data.dataset.versions import VERSION, resolve
 from nas_data.errors import DatasetInvalid, JointMismatch
 from nas_data.gap.episode_batch import EpisodeBatch, split_episodes
 from nas_data.gap.floor import estimate_noise_floor, measure_step_errors
-from nas_data.gap.gains import with_relative_gains
+from nas_data.gap.gains import RELATIVE_GAIN, with_relative_gains
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.nominal_parameters import FITTED_TOLERANCE
 from nas_data.gap.overlaps import Overlap, exclude_contacts, find_overlaps
@@ -33,6 +33,7 @@ from nas_data.robots.base import TORQUES
 from nas_data.simulators.register_kinds import P_GAIN
 from nas_data.simulators.servo_registers import NO_REGISTERS, ServoRegisters
 
+EACH_GAIN = f"Each episode is simulated at the position gain that its frames hold ({P_GAIN_COLUMN})."
 TRAIN_STEPS = 120_000  # most physics steps of one rollout of all training episodes, about 0.5 s
 HELD_STEPS = 60_000  # the same for the held-out episodes
 
@@ -132,6 +133,8 @@ class Problem:
                 f"fit and one to test: record more, or {cut}."
             )
         as_given = Nominal.load(model, evidence, own)
+        if RELATIVE_GAIN in transitions.columns:
+            as_given = replace(as_given, known=(*as_given.known, EACH_GAIN))
         check_fits(transitions, as_given.simulator())
         overlaps = find_overlaps(as_given, kept)
         nominal = exclude_contacts(as_given, overlaps)

@@ -94,15 +94,15 @@ def investigate_problem(
 
 
 def check_learnable(problem: Problem) -> None:
-    """Refuse to learn φ at other position gains than the model's, which it cannot tell apart.
+    """Refuse to learn φ from episodes at different position gains, which it cannot tell apart.
 
     Raises:
         OptionError: the recording has such gains.
     """
     if (problem.evidence.gains != 1).any():
         raise OptionError(
-            f"--learn: {problem.names[0]} has other position gains ({P_GAIN_COLUMN}) than {problem.names[1]}, and φ "
-            "cannot tell gains apart: leave out --learn."
+            f"--learn: the episodes of {problem.names[0]} have different position gains ({P_GAIN_COLUMN}), which φ "
+            "cannot tell apart: leave out --learn."
         )
 
 

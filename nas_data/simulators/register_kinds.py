@@ -212,7 +212,7 @@ KINDS = {
             name=SUPPLY,
             words="supply voltage",
             read=lambda table: None,  # not a setting: `nas.voltage` of the frames
-            change=RegisterRatio("servo's torque", scale_supply, is_position_servo),
+            change=RegisterRatio("torque per duty", scale_supply, is_position_servo),
             is_positive=True,
             is_measured=True,
         ),

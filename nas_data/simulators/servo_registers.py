@@ -6,10 +6,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import mujoco
+import numpy as np
 
 from nas_data.count_of import join_items
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.position_gains import P_GAIN_COLUMN, read_position_gains
+from nas_data.dataset.position_gains import P_GAIN_COLUMN, list_position_gains, read_position_gains
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.supply_voltage import read_supply_voltages
 from nas_data.dataset.target_episodes import find_joints, read_history
@@ -38,7 +39,8 @@ class ServoRegisters:
     def of(cls, dataset: Dataset, root: Path | None = None) -> "ServoRegisters":
         """Return the registers of a recording: those of its provenance, and what its frames hold.
 
-        Frames may hold position gains and the measured supply voltage, whose mean is taken.
+        Frames may hold position gains, which count where the torque is on, and the measured supply voltage, whose mean
+        is taken.
 
         Args:
             dataset: The recording.
@@ -50,14 +52,10 @@ class ServoRegisters:
             registers = replace(registers, values={**registers.values, SUPPLY: volts})
         if P_GAIN_COLUMN not in dataset.columns or not dataset.n_frames:
             return registers
-        registers, gains = registers.without(P_GAIN), read_position_gains(dataset)
-        gains = gains[gains.any(axis=1)]
-        if not len(gains):
-            return registers
-        if (gains != gains[0]).any():
+        registers, gains = registers.without(P_GAIN), list_position_gains(dataset)
+        if len(gains) > 1:
             return replace(registers, changing=(*registers.changing, P_GAIN))
-        found = dict(zip(dataset.joints, gains[0].tolist(), strict=True))
-        return replace(registers, values={**registers.values, P_GAIN: found})
+        return replace(registers, values={**registers.values, **_by_joint(dataset, gains)})
 
     @classmethod
     def read(cls, provenance: Provenance | None, joints: Sequence[str]) -> "ServoRegisters":
@@ -71,7 +69,10 @@ class ServoRegisters:
     def over(self, others: "ServoRegisters") -> "ServoRegisters":
         """Return these registers, and others where these say nothing."""
         more = {name: values for name, values in others.values.items() if name not in self.changing}
-        return ServoRegisters({**more, **self.values}, self.changing)
+        names = {**more, **self.values}
+        return ServoRegisters(
+            {name: {**more.get(name, {}), **self.values.get(name, {})} for name in names}, self.changing
+        )
 
     def without(self, register: str) -> "ServoRegisters":
         """Return the registers without one that the recording holds in another way."""
@@ -84,7 +85,7 @@ class ServoRegisters:
         The new model states these registers, so that a second call changes nothing.
 
         Raises:
-            ModelFileError: the model states the position gain of a joint that has no position servo.
+            ModelFileError: the model states a value that a register cannot have.
         """
         stated = self.select_stated(robot)
         if not stated.values:
@@ -120,8 +121,8 @@ class ServoRegisters:
         ]
         if self.changing:
             sentences.append(
-                f"The recording's registers {join_items(self.changing)} differ between episodes and are not used: "
-                "record each setting by itself."
+                f"The recording's registers {join_items(self.changing)} differ between episodes, or are not known in "
+                "all, and are not used: record each setting by itself."
             )
         return tuple(sentences)
 
@@ -156,29 +157,35 @@ class ServoRegisters:
 NO_REGISTERS = ServoRegisters()
 
 
-def group_by_registers(dataset: Dataset) -> Iterator[tuple[list[int], ServoRegisters]]:
+def group_by_registers(dataset: Dataset, volts: Mapping[str, float]) -> Iterator[tuple[list[int], ServoRegisters]]:
     """Yield the places of the episodes with each setting of the servos, and their registers.
 
-    The supply voltage is the mean of all episodes.
+    Args:
+        dataset: Episodes.
+        volts: Supply voltage of each joint's servo [V], the same for all of them; empty if unknown.
 
     Raises:
         DatasetInvalid: a position gain changes within an episode.
     """
     history = read_history((dataset.origin.provenance.target if dataset.origin else None) or {})
-    volts = read_supply_voltages(dataset)
     gains = read_position_gains(dataset) if P_GAIN_COLUMN in dataset.columns else None
     groups: list[tuple[ServoRegisters, list[int]]] = []
     for place in range(dataset.n_episodes):
         values = _normalise(find_joints(history, place), dataset.joints) if history else {}
         if gains is not None:
-            values[P_GAIN] = dict(zip(dataset.joints, gains[place].tolist(), strict=True)) if gains[place].any() else {}
-        registers = ServoRegisters({**values, **({SUPPLY: volts} if volts else {})})
+            values = {**values, **_by_joint(dataset, gains[[place]])}
+        registers = ServoRegisters({**values, **({SUPPLY: dict(volts)} if volts else {})})
         known = next((places for other, places in groups if other == registers), None)
         if known is None:
             groups.append((registers, [place]))
         else:
             known.append(place)
     yield from ((places, registers) for registers, places in groups)
+
+
+def _by_joint(dataset: Dataset, gains: np.ndarray) -> dict[str, dict[str, float]]:
+    """Return the register of the position gain from its only row (1, n); empty without one, or if it is 0."""
+    return {P_GAIN: dict(zip(dataset.joints, gains[0].tolist(), strict=True))} if gains.any() else {}
 
 
 @dataclass(frozen=True)

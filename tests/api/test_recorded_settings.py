@@ -14,9 +14,10 @@ from nas_data.dataset.features import Feature
 from nas_data.dataset.position_gains import P_GAIN_COLUMN
 from nas_data.dataset.torque_off import TORQUE, drop_rows_without_torque, follow_shutdowns
 from nas_data.effects.base import parse
-from nas_data.errors import DatasetInvalid, OptionError
+from nas_data.errors import DatasetInvalid, JointMismatch, OptionError
 from nas_data.gap.problem import Problem
 from nas_data.models.presets import preset
+from nas_data.pairing import check_source
 from nas_data.reports.films.motion import follow
 from nas_data.simulators.engines import ENGINES
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -88,7 +89,7 @@ def test_the_plain_fit_is_made_at_the_recording_s_one_gain():
     assert once.open_loop["plain fit"].overall < 0.01
     several = nas.evaluate(MODEL, record((200, 400, 200)))
     assert "plain fit" not in several.open_loop
-    assert any("several position gains" in note for note in several.notes)
+    assert any("its episodes differ in p_gain" in note for note in several.notes)
 
 
 def test_pairs_are_predicted_without_torque_where_it_is_off():
@@ -200,7 +201,11 @@ def test_pairing_does_not_need_the_gains():
     dataset = replace(dataset, columns={**dataset.columns, P_GAIN_COLUMN: gains})
     pairing = make_pairs(dataset, PairingSource(model=MODEL))
     assert pairing.dataset.paired
-    assert any("400, 800; one gain above 0" in remark for remark in pairing.remarks)
+    assert any("p_gain differ" in remark for remark in pairing.remarks)
+    learned = nas.train_forward(dataset, preset=preset("fast", hidden=4, updates=1))
+    assert nas.evaluate(learned, dataset, model=MODEL, plain_fit=False).open_loop["hold"].overall > 0
+    with pytest.raises(DatasetInvalid, match=r"episode 0 of .*400, 800; one gain above 0"):
+        nas.evaluate(MODEL, dataset, plain_fit=False)
 
 
 def test_the_sign_of_commands_is_judged_where_the_torque_is_on():
@@ -237,7 +242,7 @@ def test_a_gain_is_used_in_the_joints_whose_register_the_model_states():
     rising = np.repeat([100.0, 200.0, 400.0], dataset.lengths)
     changing = dataset.with_column(P_GAIN_COLUMN, gains, np.stack([rising, np.full(len(rising), 300.0)], axis=1))
     assert ServoRegisters.of(changing).changing == ("p_gain",)
-    groups = [(places, found.values["p_gain"]["a"]) for places, found in group_by_registers(changing)]
+    groups = [(places, found.values["p_gain"]["a"]) for places, found in group_by_registers(changing, {})]
     assert groups == [([0], 100.0), ([1], 200.0), ([2], 400.0)]
 
 
@@ -246,3 +251,36 @@ def test_pairing_says_in_how_many_rows_servos_have_torque_that_the_robot_s_lacke
     remarks = [make_pairs(dataset, PairingSource(model=MODEL, engine=engine)).remarks for engine in ENGINES]
     assert remarks[0] == ()
     assert f"{2 * (STEPS - ON)} rows without torque at some servo" in remarks[1][0]
+
+
+def test_the_voltage_is_the_mean_of_the_recording_whatever_rows_are_simulated(tmp_path: Path):
+    dataset = record((400, 400), on=ON)
+    on = dataset.columns[TORQUE].copy()
+    on[ON + 10 : ON + 30] = 1  # torque that comes back is not simulated, but measured
+    volts = np.where(np.arange(len(on))[:, None] % STEPS < ON, 7.0, 8.0).astype(np.float32)
+    dataset = replace(dataset, columns={**dataset.columns, TORQUE: on})
+    dataset = dataset.with_column("nas.voltage", Feature(("voltage",), ("V",)), volts)
+    assert ServoRegisters.of(dataset).values["supply_voltage"] == {"pendulum": 7.25}
+    stated = '<numeric name="supply_voltage" data="7.25"/><numeric name="p_gain"'
+    model = tmp_path / "model.xml"
+    model.write_text(MODEL.read_text().replace('<numeric name="p_gain"', stated))
+    assert not any("supply_voltage" in note for note in nas.evaluate(model, dataset, plain_fit=False).notes)
+
+
+def test_a_film_of_an_arm_without_torque_shows_all_and_of_others_says_what_it_shows():
+    limp = record((400,), on=0)
+    assert len(follow(limp, 0, [str(MODEL)]).ghosts[1].states) == STEPS + 1
+    late = record((400,))
+    on = late.columns[TORQUE].copy()
+    on[:40] = 0
+    late = replace(late, columns={**late.columns, TORQUE: on})
+    assert len(follow(late, 0, [str(MODEL)]).ghosts[1].states) == STEPS - 40 + 1
+
+
+def test_earlier_pairs_are_compared_with_their_source_where_the_torque_is_on():
+    dataset = record((400, 400), on=ON)
+    paired = nas.pair(dataset.without_columns([TORQUE]), MODEL)
+    earlier = paired.with_column(TORQUE, dataset.features[TORQUE], dataset.columns[TORQUE])
+    check_source(earlier, MujocoSimulator.load(MODEL, PERIOD, threads=1))
+    with pytest.raises(JointMismatch, match="paired with another one"):
+        check_source(earlier, MujocoSimulator.load("pendulum", PERIOD, threads=1))

@@ -480,7 +480,7 @@ def test_a_measured_voltage_scales_gain_and_torque_limit_of_a_model_that_states_
     robot = find_robot(stated)
     assert positions(registers.set_in(robot)) == pytest.approx(weak, abs=1e-6)
     (sentence,) = registers.describe(robot)
-    assert "servo's torque is multiplied by 0.25 (supply_voltage 1.85, in the model 7.4)" in sentence
+    assert "torque per duty is multiplied by 0.25 (supply_voltage 1.85, in the model 7.4)" in sentence
     assert registers.list_changes(registers.set_in(robot)) == []
 
     # usual models state no voltage: nothing to say, and nothing changes

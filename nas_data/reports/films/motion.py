@@ -9,9 +9,10 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import kept_folders
-from nas_data.dataset.torque_off import keep_torque_on, keep_torque_on_and_fall
+from nas_data.dataset.torque_off import TORQUE, find_torque_off, keep_torque_on, keep_torque_on_and_fall
 from nas_data.effects.base import add_effects
 from nas_data.joint_units import JointUnit, group_by_kind
+from nas_data.log import warn
 from nas_data.open_loop import roll_out_scene
 from nas_data.pairing import read_initial_states, read_object_states, with_model_units
 from nas_data.simulators.engines import MUJOCO
@@ -88,7 +89,8 @@ class Motion:
 def follow(dataset: Dataset, episode: int, models: Sequence[str] = (), engine: str | None = None) -> Motion:
     """Simulate models under the commands of an episode in open loop, with the recording's registers as in `evaluate`.
 
-    The film ends where the torque comes back on, with PyBullet where it is switched off.
+    Of an episode whose torque is off in some rows, the film shows the longest motion with torque and, in MuJoCo, the
+    fall after it.
 
     Args:
         dataset: Transitions of the episode alone.
@@ -104,8 +106,7 @@ def follow(dataset: Dataset, episode: int, models: Sequence[str] = (), engine: s
         sources = [locate_source(model, (), folders, engine) for model in models or (None,)]
         if models:  # a stored source is the one of the pairing
             sources = [source.with_registers(ServoRegisters.of(dataset)) for source in sources]
-        falls = all(source.engine == MUJOCO for source in sources)
-        dataset = (keep_torque_on_and_fall if falls else keep_torque_on)(dataset)
+        dataset = select_shown(dataset, all(source.engine == MUJOCO for source in sources))
         simulators = [source.simulator(dataset) for source in sources]
         bodies = [load_in_mujoco(source, dataset) for source in sources]
         dataset = with_model_units(dataset, bodies[0])
@@ -120,6 +121,21 @@ def follow(dataset: Dataset, episode: int, models: Sequence[str] = (), engine: s
         errors = np.sqrt(np.stack([squared[:, places].mean(axis=1) for _, places in kinds], axis=1))
         ghosts.append(Ghost(name, body, states, errors))
     return Motion(episode, dataset, tuple(ghosts))
+
+
+def select_shown(dataset: Dataset, falls: bool) -> Dataset:
+    """Return the rows of an episode that a film shows, and warn of others.
+
+    Args:
+        dataset: The episode.
+        falls: Whether models can be simulated without torque.
+    """
+    if falls and find_torque_off(dataset).all():
+        return dataset
+    shown = (keep_torque_on_and_fall if falls else keep_torque_on)(dataset)
+    if shown.n_frames < dataset.n_frames:
+        warn([f"the torque is off at times ({TORQUE}): {shown.n_frames} of {dataset.n_frames} rows are shown"])
+    return shown
 
 
 def load_in_mujoco(source: SourceModel, dataset: Dataset) -> MujocoSimulator:

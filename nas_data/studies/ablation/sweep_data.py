@@ -17,7 +17,6 @@ from nas_data.dataset.torque_off import drop_rows_without_torque
 from nas_data.dataset.transitions import as_transitions
 from nas_data.errors import DatasetInvalid, ModelFileError, OptionError
 from nas_data.gap.write_model import EFFECTS
-from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.servo_registers import ServoRegisters
 from nas_data.sources import SourceModel, locate_source
 
@@ -218,8 +217,7 @@ class SweepData:
         source = self.source()
         if source is None:
             return []
-        robot = source.model if isinstance(source.model, Robot) else find_robot(source.model)
-        return ServoRegisters.of(self.read(), self.root).list_changes(robot)
+        return ServoRegisters.of(self.read(), self.root).list_changes(source.robot)
 
     def divide(self, dataset: Dataset, share: float | None, seed: int) -> tuple[list[int], Dataset]:
         """Return the training episodes, and the held-out data: the test dataset, or a share of the episodes."""

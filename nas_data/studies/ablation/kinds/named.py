@@ -10,7 +10,7 @@ from nas_data.gap.model_correction import ModelCorrection
 from nas_data.gap.name import name
 from nas_data.gap.problem import Problem
 from nas_data.gap.side_by_side import on_one_core
-from nas_data.robots.base import Robot, find_robot
+from nas_data.robots.base import Robot
 from nas_data.simulators.servo_registers import ServoRegisters
 from nas_data.sources import SourceModel
 from nas_data.studies.ablation.kinds.base import ModelKind, TrainedPredictor, TrainingInput
@@ -52,8 +52,7 @@ def read_named(path: Path, source: SourceModel, data: Dataset, root: Path) -> Na
 
 def add(named: ModelCorrection, source: SourceModel, data: Dataset) -> NamedSource:
     """Return a source with named effects and a retuned base."""
-    robot = source.model if isinstance(source.model, Robot) else find_robot(source.model)
-    retuned = named.robot(robot, data.joints)
+    retuned = named.robot(source.robot, data.joints)
     with_names = replace(source, model=retuned, effects=(*source.effects, *named.effects))
     return NamedSource(with_names, named.effects, named.retuned)
 
