@@ -29,6 +29,16 @@ def has_content_hash(dataset: Dataset, known: str) -> bool:
     return dataset.frame_tasks is not None and hash_content(dataset, frame_tasks=False) == known
 
 
+def choose_content_hash(dataset: Dataset, stored: str) -> str:
+    """Return the stored hash of a dataset if it is valid, by this version's rule or an earlier one; else compute it.
+
+    Args:
+        dataset: The dataset.
+        stored: The hash in its provenance; empty if there is none.
+    """
+    return stored if stored and has_content_hash(dataset, stored) else hash_content(dataset)
+
+
 def hash_content(dataset: Dataset, frame_tasks: bool = True) -> str:
     """Return the SHA-256 of a dataset's logical content, as hexadecimal digits.
 

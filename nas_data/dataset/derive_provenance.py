@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from nas_data.dataset import layout
-from nas_data.dataset.content import hash_content
+from nas_data.dataset.content import choose_content_hash
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.provenance import Parent, Provenance, read_provenance
 from nas_data.dataset.read import read
@@ -48,7 +48,8 @@ class Original:
     @cached_property
     def parent(self) -> Parent:
         """Entry for the provenance of datasets made from it."""
-        return Parent(find_dataset_name(self.root), hash_content(self.dataset))
+        stored = self.provenance.content_hash if self.provenance else ""
+        return Parent(find_dataset_name(self.root), choose_content_hash(self.dataset, stored))
 
     @cached_property
     def attachments(self) -> dict[str, bytes]:

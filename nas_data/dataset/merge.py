@@ -20,10 +20,13 @@ from nas_data.errors import DatasetInvalid, JointMismatch
 
 LEAVE_OUT = "to leave a camera out, use LeRobot's 'lerobot-edit-dataset --operation.type=remove_feature'"
 
+FLOATS = {"float32", "float64"}  # the import chooses one by a signal's values
+
 
 def merge(originals: Sequence[Original]) -> Derived:
     """Merge datasets with equal joints, features, rate and robot type.
 
+    A feature that is float32 in one dataset and float64 in another becomes float64.
     The source's predictions are left out if a dataset has none; they can be computed again.
 
     Args:
@@ -58,11 +61,15 @@ def drop_partial_predictions(originals: Sequence[Original]) -> list[Original]:
 
 
 def concatenate(datasets: Sequence[Dataset]) -> Dataset:
-    """Concatenate the episodes of datasets with equal features."""
+    """Concatenate the episodes of datasets with equal features, whose dtypes may be float32 and float64."""
     first = datasets[0]
+    features = {
+        key: replace(feature, dtype=np.result_type(*(dataset.features[key].dtype for dataset in datasets)).name)
+        for key, feature in first.features.items()
+    }
     return Dataset(
-        features=first.features,
-        columns={key: np.concatenate([dataset.columns[key] for dataset in datasets]) for key in first.features},
+        features=features,
+        columns={key: np.concatenate([dataset.columns[key] for dataset in datasets]) for key in features},
         lengths=np.concatenate([dataset.lengths for dataset in datasets]),
         fps=first.fps,
         robot_type=first.robot_type,
@@ -179,6 +186,8 @@ def _check_features(a: Original, b: Original) -> None:
             raise DatasetInvalid(f"{poor.root} lacks '{missing[0]}', which {rich.root} has; {remedy} to merge them.")
     for key, feature in a.dataset.features.items():
         other = b.dataset.features[key]
+        if {feature.dtype, other.dtype} == FLOATS:
+            other = replace(other, dtype=feature.dtype)
         if feature != other:
             raise DatasetInvalid(
                 f"'{key}' {describe_difference(feature, other, a.root, b.root)}; record or import both in the same "

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from nas_data.dataset.content import hash_content
+from nas_data.dataset.content import choose_content_hash
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.staging import MARK, flush_folder, refuse_existing
@@ -100,7 +100,9 @@ def pack(path: Path, out: Path | None = None) -> tuple[Path, Manifest]:
     dataset = read(root)
     if dataset.passthrough is not None:
         dataset.passthrough.check(dataset.starts, dataset.lengths)
-    manifest = Manifest(name, int(version.group(1)) if version else 0, hash_content(dataset), hash_files(root))
+    provenance = read_provenance(root)
+    digest = choose_content_hash(dataset, provenance.content_hash if provenance else "")
+    manifest = Manifest(name, int(version.group(1)) if version else 0, digest, hash_files(root))
     check_unchanged(root, manifest)
     hidden = target.parent / f".{target.name}{MARK}{secrets.token_hex(4)}"
     try:

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.dataset.content import hash_content
+from nas_data.dataset.content import choose_content_hash, has_content_hash
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.external import audit_external
 from nas_data.dataset.features import ACTION, EFFORT, POSITION, STATE, VELOCITY, Feature
 from nas_data.dataset.info import DatasetInfo
-from nas_data.dataset.provenance import Provenance, read_provenance
+from nas_data.dataset.provenance import Parent, Provenance, read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import find_dataset_name, resolve
 from nas_data.errors import DatasetInvalid, JointMismatch
@@ -89,7 +89,7 @@ def summarize(path: Path) -> DatasetSummary:
     """
     root = resolve(path)
     dataset = read(root)
-    chain = trace_provenance(root)
+    chain, stored = trace_provenance(root), read_provenance(root)
     usable, derived, reason, noticed = _derive_transitions(root, dataset)
     shown = usable or dataset
     return DatasetSummary(
@@ -110,7 +110,7 @@ def summarize(path: Path) -> DatasetSummary:
         warnings=noticed,
         paired=dataset.paired,
         source=chain[0][1].source if chain else None,
-        content_hash=hash_content(dataset),
+        content_hash=choose_content_hash(dataset, stored.content_hash if stored else ""),
         provenance=chain,
     )
 
@@ -138,9 +138,19 @@ def trace_provenance(root: Path) -> tuple[tuple[str, Provenance], ...]:
         parent = provenance.parents[0]
         name, here = parent.name, here.parent.parent / parent.name
         provenance = read_provenance(here)
-        if provenance is not None and provenance.content_hash != parent.content_hash:
+        if provenance is not None and not _is_parent(here, provenance, parent):
             break  # another dataset of the same name
     return tuple(chain)
+
+
+def _is_parent(root: Path, provenance: Provenance, parent: Parent) -> bool:
+    """Whether a dataset is the one that a child names, whose entry may have its hash by the rule of another version."""
+    if provenance.content_hash == parent.content_hash:
+        return True
+    try:
+        return has_content_hash(read(root), parent.content_hash)
+    except DatasetInvalid:
+        return False
 
 
 def _derive_transitions(

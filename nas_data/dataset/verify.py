@@ -13,7 +13,7 @@ from nas_data.count_of import count_of
 from nas_data.dataset import layout
 from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.audits.base import AuditFinding
-from nas_data.dataset.content import has_content_hash, hash_content
+from nas_data.dataset.content import choose_content_hash
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.external import add_remedy, is_ours
 from nas_data.dataset.features import NEXT_STATE, STATE, TIME, Feature
@@ -134,11 +134,9 @@ def _check_files(root: Path, provenance: Provenance | None) -> Iterator[str]:
 
 def _check_content(evidence: VerifyInput) -> Iterator[str]:
     """Compare the content hash with the provenance and the version's name."""
-    digest = hash_content(evidence.dataset)
-    recorded = evidence.provenance.content_hash if evidence.provenance else digest
-    if has_content_hash(evidence.dataset, recorded):
-        digest = recorded
-    else:
+    recorded = evidence.provenance.content_hash if evidence.provenance else None
+    digest = choose_content_hash(evidence.dataset, recorded or "")
+    if recorded is not None and digest != recorded:
         yield (
             f"The content hash is {digest[:12]}…, provenance says {recorded[:12]}…: rows or features were changed in "
             "place; a changed dataset should be a new version (nas merge, nas pair)."

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from nas_data.dataset.checks import check_storable
-from nas_data.dataset.content import hash_content
+from nas_data.dataset.content import choose_content_hash, hash_content
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.layout import INFO, SOURCE, SOURCE_EFFECTS
@@ -103,7 +103,9 @@ def make_parent(path: Path, dataset: Dataset) -> Parent:
         path: Folder of the parent.
         dataset: The parent as read, before anything was derived.
     """
-    return Parent(name=find_dataset_name(path), content_hash=hash_content(dataset))
+    provenance = read_provenance(resolve(path))
+    digest = choose_content_hash(dataset, provenance.content_hash if provenance else "")
+    return Parent(name=find_dataset_name(path), content_hash=digest)
 
 
 def write_version(
@@ -135,16 +137,20 @@ def write_version(
     """
     check_name(name)
     check_storable(dataset, "The dataset to be written")
-    digest = hash_content(dataset)
+    digest, earlier = hash_content(dataset), ""
+    if dataset.frame_tasks is not None:
+        earlier = hash_content(dataset, frame_tasks=False)
     home = folder / name
     written = {name: hashlib.sha256(content).hexdigest() for name, content in (attachments or {}).items()}
     complete = replace(provenance, content_hash=digest, files=written)
-    existing = None if dataset.passthrough is not None else _find_same_version(home, digest, complete, damaged)
+    existing = None
+    if dataset.passthrough is None:
+        existing = _find_same_version(home, digest, complete, damaged, earlier=earlier)
     if existing:
         return existing
     with staging_folder(home / "version") as hidden:
         fill(hidden, dataset, complete, attachments or {})
-        return settle(hidden, home, digest, damaged=damaged)
+        return settle(hidden, home, digest, damaged=damaged, earlier=earlier)
 
 
 def check_name(name: str) -> None:
@@ -158,7 +164,9 @@ def make_name(text: str) -> str:
     return re.sub(r"[^A-Za-z0-9._-]+", "_", text).lstrip("._-") or "dataset"
 
 
-def settle(hidden: Path, home: Path, digest: str, number: int = 0, damaged: Path | None = None) -> Path:
+def settle(
+    hidden: Path, home: Path, digest: str, number: int = 0, damaged: Path | None = None, earlier: str = ""
+) -> Path:
     """Make a staged folder a version, unless one with its content and source exists.
 
     Args:
@@ -167,6 +175,7 @@ def settle(hidden: Path, home: Path, digest: str, number: int = 0, damaged: Path
         digest: Its content hash.
         number: Requested number; the next one is used if it is taken.
         damaged: A version not to return, although it claims the same content.
+        earlier: Its content hash by an earlier rule; empty if that is the same.
 
     Returns:
         The version's folder, or the existing one with the same content.
@@ -174,7 +183,7 @@ def settle(hidden: Path, home: Path, digest: str, number: int = 0, damaged: Path
     with lock_folder(home):  # one process at a time chooses a number
         info = DatasetInfo.read(hidden)
         carries = bool(info.other_features or info.tools)
-        existing = _find_same_version(home, digest, read_provenance(hidden), damaged, carries)
+        existing = _find_same_version(home, digest, read_provenance(hidden), damaged, carries, earlier)
         if existing:
             return existing
         taken = {_number(path) for path in home.iterdir() if VERSION.fullmatch(path.name)}
@@ -247,7 +256,12 @@ def _number(path: Path) -> int:
 
 
 def _find_same_version(
-    home: Path, digest: str, provenance: Provenance | None, damaged: Path | None = None, carries: bool = False
+    home: Path,
+    digest: str,
+    provenance: Provenance | None,
+    damaged: Path | None = None,
+    carries: bool = False,
+    earlier: str = "",
 ) -> Path | None:
     """Return the newest version with a content hash, the same source model and the same details of each episode.
 
@@ -260,6 +274,7 @@ def _find_same_version(
         provenance: Provenance with the SHA-256 of each file.
         damaged: A version not to return, although it claims the same content.
         carries: Whether there are pass-through features.
+        earlier: The content hash by an earlier rule, which does not cover the tasks of frames; empty if there is none.
     """
 
     def identity(hashes: Mapping[str, str]) -> dict[str, str]:
@@ -270,14 +285,27 @@ def _find_same_version(
 
     files = provenance.files if provenance else {}
     details = _list_episode_details(provenance)
+    hashes = tuple(filter(None, (digest, earlier)))
     for path in reversed(list_versions(home)):
-        if path.name.endswith(digest[:8]) and not (damaged and path.samefile(damaged)):
+        if path.name.endswith(tuple(one[:8] for one in hashes)) and not (damaged and path.samefile(damaged)):
             known = read_provenance(path)
-            if known is None or known.content_hash != digest:
+            if known is None or known.content_hash not in hashes:
+                continue
+            if known.content_hash != digest and not _has_rows(path, digest):
                 continue
             if identity(known.files) == identity(files) and _list_episode_details(known) == details:
                 return path
     return None
+
+
+def _has_rows(root: Path, digest: str) -> bool:
+    """Whether the rows of a version have a content hash."""
+    from nas_data.dataset.read import read  # it needs this module
+
+    try:
+        return hash_content(read(root)) == digest
+    except DatasetInvalid:
+        return False
 
 
 def _list_episode_details(provenance: Provenance | None) -> object:

@@ -1,6 +1,7 @@
 """Import of LeRobot datasets: by a map, or unchanged if they are in SI units."""
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -46,6 +47,7 @@ OPEN = 0.9  # share of its range to which an open gripper is open at least
 GENERATED = "generated"  # name of a map that was made for a dataset
 SAME_RATE = 1e-6  # relative
 LARGEST_RATIO = 20.0  # of distances by velocities and by positions in one unit; degrees and radians differ by 57
+READ_VELOCITY = re.compile(r"^\[read\.velocity[.\]].*\n(?:(?!\[).*\n)*", re.MULTILINE)  # tables of a generated map
 CALIBRATION_ATTACHMENT = "meta/calibration{}.json"  # of one arm, or of each with its side
 
 
@@ -116,7 +118,9 @@ def complete_map(mapping: Map, paths: Sequence[Path], options: ImportOptions) ->
     )
     if options.uniform:
         mapping = replace(mapping, clock=TimeColumn("", "s"))
-    return _complete_velocity(*_complete_units(mapping, paths, options), paths)
+    mapping, derived = _derive_missing_velocity(mapping, paths, options.unit)
+    mapping, units = _complete_units(mapping, paths, options)
+    return _complete_velocity(mapping, (*units, *derived), paths)
 
 
 def _complete_units(mapping: Map, paths: Sequence[Path], options: ImportOptions) -> tuple[Map, tuple[str, ...]]:
@@ -149,6 +153,37 @@ def _complete_units(mapping: Map, paths: Sequence[Path], options: ImportOptions)
         closes = " If it closes at the upper end, write a map with low and high exchanged." if is_generated else ""
         notes.append(f"Read as a share of the joint's range, 0 … 100 in LeRobot: {', '.join(shares)}.{closes}")
     return completed, tuple(notes)
+
+
+def _derive_missing_velocity(mapping: Map, paths: Sequence[Path], unit: str | None) -> tuple[Map, tuple[str, ...]]:
+    """Derive the velocities of a generated map if the states of a dataset lack those of a joint.
+
+    The map was made for the first dataset. Without this, the order of the datasets would decide whether they can be
+    imported together.
+
+    Args:
+        mapping: The map.
+        paths: The datasets.
+        unit: Unit of the positions, as `ImportOptions.unit`.
+
+    Returns:
+        The map, and a note if velocities are derived.
+    """
+    if mapping.name != GENERATED or mapping.velocity is None:
+        return mapping, ()
+    wanted = [joint + VELOCITY for joint in mapping.joints]
+    for path in paths:
+        features = DatasetInfo.read(resolve(path)).features
+        if STATE not in features:
+            continue  # refused where positions are read
+        state = Feature.from_info(STATE, features[STATE])
+        units = dict(zip(state.names, state.units or [""] * len(state.names), strict=True))
+        if all(units.get(name) in ("", f"{unit}/s") for name in wanted):
+            continue
+        text = READ_VELOCITY.sub("", mapping.text).replace('velocity = "measured"', 'velocity = "derive"', 1)
+        note = f"Velocities are derived, because the states of {path} do not hold all in the positions' unit."
+        return replace(mapping, velocity=None, derive_velocity=True, text=text), (note,)
+    return mapping, ()
 
 
 def _complete_velocity(mapping: Map, notes: tuple[str, ...], paths: Sequence[Path]) -> tuple[Map, tuple[str, ...]]:

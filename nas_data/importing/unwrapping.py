@@ -8,6 +8,8 @@ import numpy as np
 from nas_data.dataset.audits.jumps import WHOLE_TURN, find_whole_turns
 from nas_data.dataset.recording import Recording
 
+FOLLOWED = 0.2  # [rad] towards a new command; deviations of joints that stay near their commands are smaller
+
 
 def unwrap(
     recordings: Sequence[Recording], hinges: Collection[str], commanded: Collection[str], centres: Mapping[str, float]
@@ -53,11 +55,30 @@ def _unwrap_commands(recordings: list[Recording], index: int) -> None:
         path, commands = one.positions[:, index], one.commands[:, index]
         steps, turns = np.diff(commands), np.round((commands - path) / WHOLE_TURN)
         # A joint that is commanded to turn once follows such a step, which brings it near its command without a jump.
-        if turns.any() and not np.diff(turns)[np.abs(steps) < WHOLE_TURN / 2].any():
+        arrives = bool(np.diff(turns)[np.abs(steps) < WHOLE_TURN / 2].any())
+        if turns.any() and not arrives and not _follows_jumps(path, commands):
             moved[place] = _move(one, index, path, commanded=True)
             wraps = wraps or bool(find_whole_turns(steps).any())
     for place, one in moved.items() if wraps else ():
         recordings[place] = one
+
+
+def _follows_jumps(path: np.ndarray, commands: np.ndarray) -> bool:
+    """Whether a joint moves towards its new command after a jump of the command, as it does if it is to turn once.
+
+    Where only the command wraps around, the joint goes on in the opposite direction, or stays.
+
+    Args:
+        path: Positions [rad], shape (N,).
+        commands: Position commands [rad], shape (N,).
+    """
+    steps = np.diff(commands)
+    jumps = np.flatnonzero(np.abs(steps) > WHOLE_TURN / 2)
+    ends = np.append(jumps, len(path) - 1)[1:]  # last row of each new command, before the next jump
+    return any(
+        float((np.sign(steps[jump]) * (path[jump + 1 : end + 1] - path[jump + 1])).max()) > FOLLOWED
+        for jump, end in zip(jumps, ends, strict=True)
+    )
 
 
 def _is_finite(recording: Recording) -> bool:

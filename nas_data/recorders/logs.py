@@ -41,7 +41,7 @@ MAP_ATTACHMENT = "meta/import_map.toml"
 MIN_TRANSITION_ROWS = 2  # fewest rows with a transition
 VIDEOS = {".mp4", ".mkv"}
 ROUNDING = 1e-15  # relative error of a count that was converted and is converted back in float64
-COARSEST_STEP = 0.01  # of a signal's range; times since 1970 have no range, relative to their size
+COARSEST_STEP = 0.01  # of a signal's range; float32 has steps of 128 s in seconds since 1970, so that they need float64
 
 
 @dataclass(frozen=True)

@@ -274,3 +274,20 @@ def test_an_output_that_exists_is_refused(folder):
     assert main(["merge", str(a.root), "--out", str(a.root)]) == 2
     with pytest.raises(OutputExists):
         pack(a.root, a.root)
+
+
+def test_single_and_double_precision_of_a_feature_merge_to_double_and_other_dtypes_are_refused(folder):
+    def counted(dtype: str, first: int) -> Original:
+        dataset = recorded(lengths=(5,))
+        column = (first + np.arange(5, dtype=dtype))[:, None]
+        return original(dataset.with_column("nas.count", Feature(("count",), dtype=dtype), column), name=dtype)
+
+    single, double, whole = counted("float32", 0), counted("float64", 2**24 + 1), counted("int64", 0)
+    for parts in ((single, double), (double, single)):
+        merged = merge(parts).dataset
+        assert merged.features["nas.count"].dtype == merged.columns["nas.count"].dtype.name == "float64"
+        expected = np.concatenate([part.dataset.columns["nas.count"] for part in parts])
+        np.testing.assert_array_equal(merged.columns["nas.count"], expected)
+        assert merged.features[STATE].dtype == "float32"
+    with pytest.raises(DatasetInvalid, match=r"dtype float64 in .* and int64 in "):
+        merge((double, whole))

@@ -2,19 +2,26 @@
 
 import json
 import multiprocessing
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.dataset_samples import recorded
-from support.version_samples import write_some
+from support.version_samples import SIMULATED as KNOWN
+from support.version_samples import changing_task, write_earlier_version, write_some
 
+from nas_data.cli import main
 from nas_data.dataset import versions
 from nas_data.dataset.content import hash_content
+from nas_data.dataset.derive_provenance import Original
 from nas_data.dataset.layout import PROVENANCE
+from nas_data.dataset.pack import pack
 from nas_data.dataset.provenance import Parent, Provenance, read_provenance
 from nas_data.dataset.read import read
+from nas_data.dataset.summary import summarize, trace_provenance
+from nas_data.dataset.unpack import unpack
 from nas_data.dataset.versions import find_dataset_name, list_versions, make_parent, resolve, save, write_version
 from nas_data.dataset.write import write
 from nas_data.errors import DatasetInvalid, DatasetNotFound, OptionError
@@ -199,3 +206,35 @@ def test_version_folders_of_other_names_are_ignored(tmp_path):
     (tmp_path / "arm" / "v9-00000000").mkdir()  # an empty folder is no version, but its number is taken
     assert versions.list_versions(tmp_path / "arm") == [root]
     assert write_version(recorded(seed=1), "arm", SIMULATED, tmp_path).name.startswith("v10-")
+
+
+def test_a_version_with_the_hash_of_an_earlier_rule_is_unchanged(folder, capsys):
+    root = write_earlier_version("walk")
+    stored = read_provenance(root).content_hash
+    assert stored != hash_content(read(root))
+    original = Original.read(root)
+    assert list(original.remarks()) == [] and original.parent.content_hash == stored
+    assert make_parent(root, read(root)) == original.parent
+    assert summarize(root).content_hash == stored
+    file, manifest = pack(root)
+    assert manifest.content_hash == stored and file.name == f"walk-{root.name}.nas.tar"
+    assert unpack(file, Path("elsewhere")).name == root.name
+    assert main(["verify", str(root)]) == 0
+    assert main(["merge", str(root), "--name", "merged"]) == 0
+    assert "was changed" not in capsys.readouterr().out
+
+
+def test_equal_content_is_not_written_beside_a_version_with_the_hash_of_an_earlier_rule(folder):
+    root = write_earlier_version("walk")
+    assert write_version(changing_task(), "walk", KNOWN, folder) == root
+    assert write_version(changing_task(9), "walk", KNOWN, folder) != root, "its task changes in another frame"
+
+
+def test_parents_are_found_by_hashes_of_either_rule(folder):
+    root = write_earlier_version("walk")
+    for digest in (read_provenance(root).content_hash, hash_content(read(root))):
+        parent = Parent(f"walk/{root.name}", digest)
+        child = write_version(recorded(), f"child-{digest[:4]}", replace(KNOWN, parents=(parent,)), folder)
+        assert [name for name, _ in trace_provenance(child)][1:] == [parent.name]
+    other = write_version(recorded(), "other", replace(KNOWN, parents=(Parent(parent.name, "0" * 64),)), folder)
+    assert len(trace_provenance(other)) == 1

@@ -247,6 +247,26 @@ def test_velocities_in_another_unit_than_the_positions_are_not_those_of_the_stat
     assert 'velocity = "derive"' in (here / "out/meta/import_map.toml").read_text()
 
 
+@pytest.mark.parametrize("order", [("a", "bare"), ("bare", "a")])
+def test_velocities_that_not_every_dataset_has_are_derived(here, capsys, order):
+    late = write_velocities(here / "a")
+    write_lerobot(here / "bare", motions(1, 120))
+    assert main(["import", *order, "--unit", "rad", "--out", "out"]) == 0
+    said = capsys.readouterr().out
+    assert "left out: j1.vel, j2.vel of observation.state" in said
+    assert ("Velocities are derived, because the states of bare do not hold all" in said) == (order[0] == "a")
+    dataset = read(here / "out")
+    first, second = dataset.episodes()
+    np.testing.assert_allclose(dataset.states[first], dataset.states[second], atol=1e-5)
+    assert np.abs(dataset.states[first, 2:] - late[:-1]).max() > 1
+    assert "velocities" in read_provenance(here / "out").derived[STATE]
+    text = (here / "out/meta/import_map.toml").read_text()
+    assert 'velocity = "derive"' in text and "read.velocity" not in text and "[read.command]" in text
+    (here / "map.toml").write_text(text)
+    assert main(["import", *order, "--map", "map.toml", "--unit", "rad", "--out", "again"]) == 0
+    np.testing.assert_array_equal(read(here / "again").states, dataset.states)
+
+
 @pytest.mark.parametrize("unit", [["--unit", "rad"], []])
 def test_torques_that_the_states_hold_are_named_as_left_out(here, capsys, unit):
     write_velocities(here / "d")

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 from support.import_samples import columns_of, map_text, motion, write_log, write_map
 from support.lerobot_samples import enter_with_arm, motions, write_lerobot
 
@@ -11,12 +13,28 @@ from nas_data.cli import main
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
+from nas_data.dataset.recording import Recording
+from nas_data.importing.unwrapping import unwrap
 
 TURN = 2 * np.pi
 
 
 def wrap(angles):
     return (angles + np.pi) % TURN - np.pi
+
+
+def follow(goal: np.ndarray, share: float) -> np.ndarray:
+    """Return the positions of a joint that covers a share of the way to its goal in each row [rad], shape (N,)."""
+    path = np.full(len(goal), goal[0])
+    for row in range(1, len(goal)):
+        path[row] = path[row - 1] + share * (goal[row - 1] - path[row - 1])
+    return path
+
+
+def record(path: np.ndarray, goal: np.ndarray) -> Recording:
+    """Return a recording of one joint at 50 Hz from positions and commands [rad], shape (N,)."""
+    rows = np.arange(len(path))
+    return Recording("log", "log", ("a",), rows * 0.02, path[:, None], None, goal[:, None], {}, rows)
 
 
 @pytest.mark.parametrize("commands", [wrap, lambda angles: angles], ids=["wrapped commands", "commands that go on"])
@@ -77,6 +95,34 @@ def test_a_joint_that_follows_a_command_of_a_whole_turn_keeps_it(tmp_path, monke
     write_map(tmp_path, map_text(velocity='"derive"'))
     assert main(["import", "log.npz", "--map", "map.toml", "--unwrap", "--out", "same"]) == 0
     np.testing.assert_allclose(read(Path("same")).commands, goal[:-1], atol=1e-6)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_joint_that_has_not_arrived_at_a_command_of_a_whole_turn_keeps_it(sign):
+    goal = sign * np.where(np.arange(100) < 90, 0.0, TURN)
+    path = follow(goal, 0.03)
+    assert 1.0 < abs(path[-1]) < 2.0
+    recording = record(path, goal)
+    np.testing.assert_array_equal(unwrap([recording], ["a"], ["a"], {})[0].commands, recording.commands)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    amplitude=st.floats(0.3, 3.0),
+    period=st.integers(30, 200),
+    phase=st.floats(0, TURN),
+    speed=st.floats(0.2, 1.0),
+    middle=st.floats(-4.0, 4.0),
+)
+def test_commands_that_wrap_around_go_on_near_the_positions_whatever_the_motion(
+    amplitude, period, phase, speed, middle
+):
+    goal = middle + amplitude * np.sin(np.arange(200) * TURN / period + phase)
+    path = follow(goal, speed)
+    assume(abs(goal - path).max() < 1.0)
+    assume((abs(np.diff(wrap(goal))) > np.pi).any())
+    moved = unwrap([record(path, wrap(goal))], ["a"], ["a"], {})[0].commands[:, 0]
+    np.testing.assert_allclose(moved, goal, atol=1e-9)
 
 
 def test_a_lerobot_dataset_in_radians_is_unwrapped_without_a_map(tmp_path, monkeypatch):
