@@ -1,37 +1,34 @@
 """Import of LeRobot datasets: by a map, or unchanged if they are in SI units."""
 
 import json
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from nas_data.dataset import audits
 from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.audits.base import AuditFinding, Remedies
 from nas_data.dataset.cutting import cut_at, find_gaps
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.descriptions import describe_left_out
 from nas_data.dataset.external import import_command, is_ours, refuse, refuse_unknown_unit, report_single_frames
-from nas_data.dataset.features import POSITION, STATE, TIME, VELOCITY, Feature
+from nas_data.dataset.features import STATE, TIME, VELOCITY, Feature
 from nas_data.dataset.info import DatasetInfo
 from nas_data.dataset.joints import REMEDY, Components, is_gripper
 from nas_data.dataset.passthrough import VIDEO_LEFT_OUT
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read, read_stamps, with_clock
-from nas_data.dataset.recording import Recording
 from nas_data.dataset.rows import format_rows
 from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import make_parent, resolve
 from nas_data.errors import DatasetInvalid, LogError, OptionError
-from nas_data.importing.auditing import make_expected
 from nas_data.importing.calibration import LARGEST, UNITS, choose_unit, match_motors, with_raw_unit
-from nas_data.importing.conversion import NORMALISED, SI, Kind
+from nas_data.importing.conversion import NORMALISED
 from nas_data.importing.formats import find_folder_kind, is_folder_log
-from nas_data.importing.map import REGISTER, LogColumns, LogQuantity, Map, TimeColumn
-from nas_data.importing.reading import match_components, read_log, refuse_nothing
+from nas_data.importing.lerobot_velocities import GENERATED, complete_velocity, derive_missing_velocity, read_datasets
+from nas_data.importing.map import Map, TimeColumn
+from nas_data.importing.reading import refuse_nothing
 
 TIMING = {
     "rate": "use --rate {rate} if the time stamps are right, or --uniform if the dataset's fps is right",
@@ -44,10 +41,7 @@ BY_OPTIONS = Remedies(TIMING, "in a map of your own (--map)")
 BY_OPTIONS_OR_MAP = Remedies(TIMING | RESAMPLED)
 
 OPEN = 0.9  # share of its range to which an open gripper is open at least
-GENERATED = "generated"  # name of a map that was made for a dataset
 SAME_RATE = 1e-6  # relative
-LARGEST_RATIO = 20.0  # of distances by velocities and by positions in one unit; degrees and radians differ by 57
-READ_VELOCITY = re.compile(r"^\[read\.velocity[.\]].*\n(?:(?!\[).*\n)*", re.MULTILINE)  # tables of a generated map
 CALIBRATION_ATTACHMENT = "meta/calibration{}.json"  # of one arm, or of each with its side
 
 
@@ -118,9 +112,9 @@ def complete_map(mapping: Map, paths: Sequence[Path], options: ImportOptions) ->
     )
     if options.uniform:
         mapping = replace(mapping, clock=TimeColumn("", "s"))
-    mapping, derived = _derive_missing_velocity(mapping, paths, options.unit)
+    mapping, derived = derive_missing_velocity(mapping, paths, options.unit)
     mapping, units = _complete_units(mapping, paths, options)
-    return _complete_velocity(mapping, (*units, *derived), paths)
+    return complete_velocity(mapping, (*units, *derived), paths)
 
 
 def _complete_units(mapping: Map, paths: Sequence[Path], options: ImportOptions) -> tuple[Map, tuple[str, ...]]:
@@ -135,7 +129,7 @@ def _complete_units(mapping: Map, paths: Sequence[Path], options: ImportOptions)
         return with_raw_unit(mapping, "deg", motors), ()
     unit, why = options.unit, "as given by --unit"
     if unit is None:
-        recordings, findings = _read_logs(paths, mapping)
+        recordings, findings = read_datasets(paths, mapping)
         refuse_nothing(recordings, findings)
         raw = [mapping.position.conversion.raw(part.positions) for part in recordings]
         unit, why = choose_unit(mapping, np.concatenate(raw), motors)
@@ -153,115 +147,6 @@ def _complete_units(mapping: Map, paths: Sequence[Path], options: ImportOptions)
         closes = " If it closes at the upper end, write a map with low and high exchanged." if is_generated else ""
         notes.append(f"Read as a share of the joint's range, 0 … 100 in LeRobot: {', '.join(shares)}.{closes}")
     return completed, tuple(notes)
-
-
-def _derive_missing_velocity(mapping: Map, paths: Sequence[Path], unit: str | None) -> tuple[Map, tuple[str, ...]]:
-    """Derive the velocities of a generated map if the states of a dataset lack those of a joint.
-
-    The map was made for the first dataset. Without this, the order of the datasets would decide whether they can be
-    imported together.
-
-    Args:
-        mapping: The map.
-        paths: The datasets.
-        unit: Unit of the positions, as `ImportOptions.unit`.
-
-    Returns:
-        The map, and a note if velocities are derived.
-    """
-    if mapping.name != GENERATED or mapping.velocity is None:
-        return mapping, ()
-    wanted = [joint + VELOCITY for joint in mapping.joints]
-    for path in paths:
-        features = DatasetInfo.read(resolve(path)).features
-        if STATE not in features:
-            continue  # refused where positions are read
-        state = Feature.from_info(STATE, features[STATE])
-        units = dict(zip(state.names, state.units or [""] * len(state.names), strict=True))
-        if all(units.get(name) in ("", f"{unit}/s") for name in wanted):
-            continue
-        text = READ_VELOCITY.sub("", mapping.text).replace('velocity = "measured"', 'velocity = "derive"', 1)
-        note = f"Velocities are derived, because the states of {path} do not hold all in the positions' unit."
-        return replace(mapping, velocity=None, derive_velocity=True, text=text), (note,)
-    return mapping, ()
-
-
-def _complete_velocity(mapping: Map, notes: tuple[str, ...], paths: Sequence[Path]) -> tuple[Map, tuple[str, ...]]:
-    """Complete a map with the velocities that the states hold beside the positions, in the unit of the positions.
-
-    A generated map takes them as measured velocities, unless they contradict the positions. Where velocities are
-    derived, the recorded ones are kept as a signal.
-    """
-    recorded = _find_velocity(mapping, paths)
-    if recorded is None:
-        return mapping, notes
-    if mapping.name == GENERATED and mapping.velocity is not None:
-        mapping = replace(mapping, velocity=recorded)
-        if not _contradicts_positions(mapping, paths):
-            return mapping, notes
-        text = mapping.text.replace('velocity = "measured"', 'velocity = "derive"', 1)
-        note = f"Velocities are derived, because the recorded ones contradict the positions; these are nas.{REGISTER}."
-        return replace(mapping, derive_velocity=True, text=text), (*notes, note)
-    if mapping.derive_velocity and mapping.velocity is None and REGISTER not in mapping.signals:
-        return replace(mapping, velocity=recorded), notes
-    return mapping, notes
-
-
-def _find_velocity(mapping: Map, paths: Sequence[Path]) -> LogQuantity | None:
-    """Return the velocities of all joints that the states of all datasets hold beside the positions.
-
-    Returns:
-        The quantity, in the unit of the positions per second; None if a velocity is missing, if one is stored in
-        another unit, or if a dataset holds them in a feature of their own.
-    """
-    position = mapping.position
-    raw, names = position.conversion.units, set[tuple[str, ...]]()
-    kind: Kind = "velocity"
-    for path in paths:
-        features = DatasetInfo.read(resolve(path)).features
-        if position.source.columns != (STATE,) or STATE not in features or f"nas.{REGISTER}" in features:
-            return None
-        state = Feature.from_info(STATE, features[STATE])
-        places = match_components(path, position, position.source, mapping.joints, state.names).components
-        wanted = tuple(state.names[place].removesuffix(POSITION) + VELOCITY for place in places)
-        if not wanted or not set(wanted) <= set(state.names):
-            return None
-        units = [state.units[state.names.index(name)] if state.units else "" for name in wanted]
-        if any(unit not in ("", f"{held}/s") for unit, held in zip(units, raw, strict=True)):
-            return None
-        names.add(wanted)
-    if len(names) > 1:
-        return None
-    conversion = replace(
-        position.conversion,
-        bias=(0.0,) * len(raw),
-        units=tuple(f"{unit}/s" for unit in raw),
-        kinds=(kind,) * len(raw),
-    )
-    return LogQuantity(kind, SI[kind], LogColumns((STATE,), names=names.pop()), conversion)
-
-
-def _contradicts_positions(mapping: Map, paths: Sequence[Path]) -> bool:
-    """Whether the measured velocities have another scale or sign than the positions."""
-    expected = make_expected(mapping)
-    recordings, _ = _read_logs(paths, mapping)
-    sound = [part for part in recordings if not any(one.error for one in audits.run(audits.FIRST, part, expected))]
-    if any(one.error for part in sound for one in audits.run(["velocity"], part, expected)):
-        return True
-    # The audit needs steady motion. In jerky motion, the distances that positions and velocities cover show the unit.
-    measured, claimed, shortest = 0.0, 0.0, 0.0
-    for part in sound:
-        assert part.velocities is not None
-        measured += float(np.abs(np.diff(part.positions, axis=0)).sum())
-        claimed += float((np.abs(part.velocities[:-1]) * np.diff(part.time)[:, None]).sum())
-        shortest += float(np.ptp(part.positions, axis=0).sum())
-    return claimed > LARGEST_RATIO * measured or claimed < shortest / LARGEST_RATIO
-
-
-def _read_logs(paths: Sequence[Path], mapping: Map) -> tuple[list[Recording], list[AuditFinding]]:
-    """Read several datasets as one."""
-    read_each = [read_log(path, mapping) for path in paths]
-    return [part for parts, _ in read_each for part in parts], [one for _, found in read_each for one in found]
 
 
 def map_text(path: Path, unit: str | None, model: str | None) -> str:
