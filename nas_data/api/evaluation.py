@@ -134,7 +134,6 @@ def evaluate_model(
     is_mujoco = sources["source"].engine == MUJOCO
     powered, notes = (follow_shutdowns if is_mujoco else drop_rows_without_torque)(recorded)
     fitted, more = fit_plain(None, recorded, sources["source"], say) if plain_fit else ({}, ())
-    robots = {name: find_robot(model) for name, model in named.items()}
     groups = list(group_by_registers(powered, read_supply_voltages(recorded)))
     parts: list[Predictions] = []
     for places, known in groups:
@@ -142,18 +141,34 @@ def evaluate_model(
         simulators = {name: source.with_registers(known).simulator(part) for name, source in sources.items()}
         simulator = simulators.pop("source")
         if not parts:
-            warn_of_ranges(recorded, robots["source"])
+            warn_of_ranges(recorded, sources["source"].robot)
             warn_of_overlaps(recorded, simulator)
         parts.append(predict(part, simulator, None, others={**fitted, **simulators}))
-        word = "Episode" if len(places) == 1 else "Episodes"
-        where = f"{word} {format_episodes(part.episode_numbers)}: " if len(groups) > 1 else ""
-        if not known.values and len(groups) > 1:
-            more = (*more, f"{where}No registers are known.")
-        for name, robot in robots.items():
-            which = f"{name}: " if len(robots) > 1 else ""
-            more = (*more, *(f"{where}{which}{sentence}" for sentence in known.describe(robot)))
     predictions = Predictions.join(parts, [places for places, _ in groups])
-    return replace(Evaluation.of(powered, predictions), notes=(*notes, *more))
+    told = describe_settings(powered.episode_numbers, groups, sources)
+    return replace(Evaluation.of(powered, predictions), notes=(*notes, *more, *told))
+
+
+def describe_settings(
+    numbers: Sequence[int], groups: Sequence[tuple[list[int], ServoRegisters]], sources: Mapping[str, SourceModel]
+) -> list[str]:
+    """Return sentences: what the registers of each group of episodes change in each model.
+
+    Args:
+        numbers: Number of each episode.
+        groups: Places of the episodes, and their registers.
+        sources: Models by name.
+    """
+    told = []
+    for places, known in groups:
+        word = "Episode" if len(places) == 1 else "Episodes"
+        where = f"{word} {format_episodes([numbers[place] for place in places])}: " if len(groups) > 1 else ""
+        if where and not known.values:
+            told.append(f"{where}No registers are known.")
+        for name, source in sources.items():
+            which = f"{name}: " if len(sources) > 1 else ""
+            told += [f"{where}{which}{sentence}" for sentence in known.describe(source.robot)]
+    return told
 
 
 def note_registers(recorded: Dataset, source: SourceModel | None, fitted: Mapping[str, Simulator]) -> list[str]:

@@ -22,21 +22,24 @@ def convert_to_little_endian(dataset: Dataset, key: str) -> np.ndarray:
     return np.ascontiguousarray(column.astype(column.dtype.newbyteorder("<"), copy=False))
 
 
-def has_content_hash(dataset: Dataset, known: str) -> bool:
-    """Whether a stored hash is that of a dataset; those of earlier versions do not cover the tasks of frames."""
-    if hash_content(dataset) == known:
-        return True
-    return dataset.frame_tasks is not None and hash_content(dataset, frame_tasks=False) == known
-
-
 def choose_content_hash(dataset: Dataset, stored: str) -> str:
-    """Return the stored hash of a dataset if it is valid, by this version's rule or an earlier one; else compute it.
+    """Return the stored hash of a dataset if it is valid, else compute it.
+
+    Those of earlier versions are valid, too, although they do not cover the tasks of frames.
 
     Args:
         dataset: The dataset.
         stored: The hash in its provenance; empty if there is none.
     """
-    return stored if stored and has_content_hash(dataset, stored) else hash_content(dataset)
+    digest = hash_content(dataset)
+    if dataset.frame_tasks is None or digest == stored:
+        return digest
+    return stored if hash_content(dataset, frame_tasks=False) == stored else digest
+
+
+def has_content_hash(dataset: Dataset, stored: str) -> bool:
+    """Whether a stored hash is valid; see `choose_content_hash`."""
+    return choose_content_hash(dataset, stored) == stored
 
 
 def hash_content(dataset: Dataset, frame_tasks: bool = True) -> str:

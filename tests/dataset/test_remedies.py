@@ -16,7 +16,7 @@ from support.changed_columns import set_values
 from support.command_samples import refused
 from support.dataset_samples import recorded, same
 from support.import_samples import columns_of, map_text, motion, write_log, write_map
-from support.lerobot_samples import ARM
+from support.lerobot_samples import ARM, RADIANS
 
 import nas_data as nas
 from nas_data.cli import main
@@ -307,18 +307,7 @@ def test_transitions_are_made_once_the_dataset_is_changed_as_is_said(name):
 
 # Datasets of other tools
 
-OWN = """format = "lerobot"
-robot = "arm2"
-joints = ["j1", "j2"]
-alignment = "action_follows_state"
-velocity = "derive"
-[read.position]
-unit = "rad"
-{}
-[read.command]
-unit = "rad"
-{}
-"""
+OWN = RADIANS.replace('unit = "rad"\n', 'unit = "rad"\n{}\n')
 UNNAMED = tuple(f"{STATE}.{index}" for index in range(2))
 SAME = 'names = ["j1.pos", "j2.pos"]'
 OTHER = 'names = ["goal_1", "goal_2"]'

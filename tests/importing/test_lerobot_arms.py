@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from support.command_samples import refused
 from support.import_samples import columns_of, map_text, motion, write_log, write_map
-from support.lerobot_samples import add_vector, enter_with_arm, from_ticks, motions, write_calibration, write_lerobot
+from support.lerobot_samples import (
+    RADIANS,
+    add_vector,
+    enter_with_arm,
+    from_ticks,
+    motions,
+    write_calibration,
+    write_lerobot,
+)
 
 from nas_data.cli import main
 from nas_data.dataset.features import STATE
@@ -100,16 +108,6 @@ def test_components_that_belong_to_no_joint_are_named(here, capsys):
     assert "left out: x.pos of observation.state and x.pos of action" in capsys.readouterr().out
 
 
-RADIANS = """format = "lerobot"
-robot = "arm2"
-joints = ["j1", "j2"]
-alignment = "action_follows_state"
-velocity = "derive"
-[read.position]
-unit = "rad"
-[read.command]
-unit = "rad"
-"""
 FORCE = "observation.force"
 FORCES = np.arange(180.0).reshape(60, 3) + 0.5
 

@@ -32,6 +32,17 @@ LASTING = ("subtask", "plan", "memory", "motion", "task_aug")  # LeRobot's style
 MESSAGE = ("role", "content", "style", "timestamp", "camera", "tool_calls")
 SO101 = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 
+RADIANS = """format = "lerobot"
+robot = "arm2"
+joints = ["j1", "j2"]
+alignment = "action_follows_state"
+velocity = "derive"
+[read.position]
+unit = "rad"
+[read.command]
+unit = "rad"
+"""
+
 
 def enter_with_arm(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Work in a folder with `arm.xml` and a cache of its own."""
