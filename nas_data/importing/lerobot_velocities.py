@@ -15,7 +15,7 @@ from nas_data.dataset.recording import Recording
 from nas_data.dataset.versions import resolve
 from nas_data.importing.auditing import make_expected
 from nas_data.importing.conversion import SI, Kind
-from nas_data.importing.map import REGISTER, LogColumns, LogQuantity, Map
+from nas_data.importing.map import KEPT_VELOCITY, LogColumns, LogQuantity, Map
 from nas_data.importing.reading import match_components, read_log
 
 GENERATED = "generated"  # name of a map that was made for a dataset
@@ -74,9 +74,9 @@ def complete_velocity(mapping: Map, notes: tuple[str, ...], paths: Sequence[Path
         if not _contradicts_positions(mapping, paths):
             return mapping, notes
         text = mapping.text.replace('velocity = "measured"', 'velocity = "derive"', 1)
-        note = f"Velocities are derived, because the recorded ones contradict the positions; these are nas.{REGISTER}."
+        note = f"Velocities are derived, because the recorded ones contradict the positions; these are nas.{KEPT_VELOCITY}."
         return replace(mapping, derive_velocity=True, text=text), (*notes, note)
-    if mapping.derive_velocity and mapping.velocity is None and REGISTER not in mapping.signals:
+    if mapping.derive_velocity and mapping.velocity is None and KEPT_VELOCITY not in mapping.signals:
         return replace(mapping, velocity=recorded), notes
     return mapping, notes
 
@@ -93,7 +93,7 @@ def _find_velocity(mapping: Map, paths: Sequence[Path]) -> LogQuantity | None:
     kind: Kind = "velocity"
     for path in paths:
         features = DatasetInfo.read(resolve(path)).features
-        if position.source.columns != (STATE,) or STATE not in features or f"nas.{REGISTER}" in features:
+        if position.source.columns != (STATE,) or STATE not in features or f"nas.{KEPT_VELOCITY}" in features:
             return None
         state = Feature.from_info(STATE, features[STATE])
         places = match_components(path, position, position.source, mapping.joints, state.names).components

@@ -9,7 +9,7 @@ from nas_data.importing.conversion import Conversion
 from nas_data.importing.layout import LogLayout
 
 ALIGNMENTS = ("action_follows_state", "state_follows_action")
-REGISTER = "velocity"  # signal that keeps the measured velocities when the state has derived ones
+KEPT_VELOCITY = "velocity"  # signal that keeps the measured velocities when the state has derived ones
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from nas_data.importing.formats import FORMATS
 from nas_data.importing.layout import LogLayout, parse_layout
 from nas_data.importing.map import (
     ALIGNMENTS,
-    REGISTER,
+    KEPT_VELOCITY,
     LogColumns,
     LogQuantity,
     Map,
@@ -184,7 +184,7 @@ class _Quantities:
             raise section.error(
                 f"'{name}' cannot name a signal; use letters, digits and _, neither 'time' nor 'image'."
             )
-        if kind == "signal" and name == REGISTER and self.keeps_velocity:
+        if kind == "signal" and name == KEPT_VELOCITY and self.keeps_velocity:
             raise section.error(
                 f"'{name}' cannot name a signal, because velocity = 'derive' keeps those of [read.velocity] by this "
                 "name; give the signal another name."

@@ -29,7 +29,7 @@ from nas_data.errors import LogError
 from nas_data.importing.auditing import allow, audit
 from nas_data.importing.conversion import Conversion
 from nas_data.importing.formats import find_format, is_folder_log
-from nas_data.importing.map import REGISTER, Map
+from nas_data.importing.map import KEPT_VELOCITY, Map
 from nas_data.importing.reading import SUFFIXES, read_log, refuse_nothing, report_short
 from nas_data.importing.resampling import resample
 from nas_data.importing.unwrapping import unwrap as unwrap_turns
@@ -174,7 +174,7 @@ def _finish(recording: Recording, mapping: Map) -> Recording:
     """Align, resample and derive velocities as specified by the map."""
     signals = dict(recording.signals)
     if mapping.derive_velocity and recording.velocities is not None:
-        signals[REGISTER] = recording.velocities
+        signals[KEPT_VELOCITY] = recording.velocities
     whole = replace(recording, signals=signals).align(mapping.alignment)
     if mapping.resample:
         whole = resample(whole, mapping.resample)
