@@ -74,7 +74,8 @@ def complete_velocity(mapping: Map, notes: tuple[str, ...], paths: Sequence[Path
         if not _contradicts_positions(mapping, paths):
             return mapping, notes
         text = mapping.text.replace('velocity = "measured"', 'velocity = "derive"', 1)
-        note = f"Velocities are derived, because the recorded ones contradict the positions; these are nas.{KEPT_VELOCITY}."
+        kept = f"these are nas.{KEPT_VELOCITY}"
+        note = f"Velocities are derived, because the recorded ones contradict the positions; {kept}."
         return replace(mapping, derive_velocity=True, text=text), (*notes, note)
     if mapping.derive_velocity and mapping.velocity is None and KEPT_VELOCITY not in mapping.signals:
         return replace(mapping, velocity=recorded), notes
